@@ -1,0 +1,36 @@
+# Two commands do everything: `make demo` tracks the clip that comes with the package, `make test`
+# runs every test. Each makes its own virtual environment; the README says the same in plain pip.
+PYTHON ?= python3
+BASE := .venv/base
+DEV := .venv/dev
+
+.PHONY: demo test lint types docs clean
+
+demo: $(BASE)/.installed
+	$(BASE)/bin/entrack demo --out out/demo
+
+test: $(DEV)/.installed
+	$(DEV)/bin/python -m pytest -n 2
+
+lint: $(DEV)/.installed
+	$(DEV)/bin/ruff check
+	$(DEV)/bin/ruff format --check
+
+types: $(DEV)/.installed
+	$(DEV)/bin/pyright --pythonpath $(DEV)/bin/python
+
+docs: $(DEV)/.installed
+	$(DEV)/bin/mkdocs build --strict --quiet
+
+$(BASE)/.installed: pyproject.toml
+	$(PYTHON) -m venv $(BASE)
+	$(BASE)/bin/pip install --quiet --editable .
+	touch $@
+
+$(DEV)/.installed: pyproject.toml constraints.txt
+	$(PYTHON) -m venv $(DEV)
+	$(DEV)/bin/pip install --quiet --constraint constraints.txt --editable '.[dev]'
+	touch $@
+
+clean:
+	rm -rf .venv build dist site out
