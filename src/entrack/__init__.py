@@ -1,0 +1,47 @@
+"""Single-object visual tracking by maximum-entropy reinforcement learning, in real time on a CPU.
+
+tracker = entrack.load("default")
+tracker.init(frame, box=(x, y, w, h))
+estimate = tracker.update(next_frame)
+"""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from entrack.errors import EntrackError
+from entrack.model import load_model
+from entrack.tracker import Estimate, Tracker
+from entrack.trunk import load_trunk
+
+if TYPE_CHECKING:
+    from entrack.run import track
+
+__all__ = ["EntrackError", "Estimate", "Tracker", "load", "track"]
+__version__ = "0.1.0"
+
+
+def load(
+    model: str | Path = "default", *, engine: str = "openvino", threads: int | None = None
+) -> Tracker:
+    """Make a tracker from a shipped model ("default", "cf", …) or a model folder.
+
+    Parameters
+    ----------
+    model
+        A name or a folder with a `model.toml`.
+    engine
+        What runs the trunk: "openvino", or "onnxruntime" (extra `gpu`).
+    threads
+        Threads of the engine; None lets it choose.
+    """
+    opened = load_model(model)
+    return Tracker(opened.config, load_trunk(opened.trunk, engine, threads))
+
+
+def __getattr__(name: str) -> Any:
+    """`track` brings video and drawing with it, so it is imported when it is first asked for."""
+    if name == "track":
+        from entrack.run import track
+
+        return track
+    raise AttributeError(f"module 'entrack' has no attribute {name!r}")

@@ -1,0 +1,7 @@
+"""`python -m entrack`."""
+
+import sys
+
+from entrack.cli.app import main
+
+sys.exit(main())

@@ -1,0 +1,123 @@
+"""Every choice that a tracker makes, as frozen data. A preset is a TOML file of these fields."""
+
+import tomllib
+from pathlib import Path
+from typing import Any, Literal, TypeVar
+
+from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
+from pydantic.dataclasses import dataclass
+
+from entrack.errors import EntrackError
+
+T = TypeVar("T")
+_STRICT = ConfigDict(extra="forbid")
+
+
+@dataclass(frozen=True, config=_STRICT)
+class WindowConfig:
+    """The search window: the first half of g in eq. 4."""
+
+    context: float = Field(default=3.0, gt=1, le=10)
+    """Side of the window in units of the target's size (rows 2 and 24 of the decisions)."""
+    shape: Literal["square", "box"] = "square"
+    """`square`: context · √(wh), nothing is warped; `box`: context × the box, as in the paper."""
+    border: Literal["replicate", "mean"] = "replicate"
+    """What lies outside the frame: its edge pixels, or its mean colour."""
+    size: int = Field(default=288, ge=64, le=1024, multiple_of=16)
+    """Side of the patch that the trunk sees, pixels."""
+
+
+@dataclass(frozen=True, config=_STRICT)
+class FilterConfig:
+    """The correlation filter, eqs. 1–3."""
+
+    label_sigma: float = Field(default=0.1, gt=0, le=1)
+    """Standard deviation of the label Y, in units of the target's size."""
+    regularisation: float = Field(default=0.01, ge=0)
+    """λ of eq. 1 (Table 1: 0.01), in units of the template's mean energy."""
+    hann: bool = True
+    """Taper template and candidate with a cosine window."""
+
+
+@dataclass(frozen=True, config=_STRICT)
+class ScaleConfig:
+    """The scale search around the last size."""
+
+    steps: int = Field(default=3, ge=1, le=9)
+    """Sizes looked at in each frame, an odd number; 1 keeps the size fixed."""
+    factor: float = Field(default=1.03, gt=1, le=1.5)
+    """Ratio of neighbouring sizes."""
+    penalty: float = Field(default=0.985, gt=0, le=1)
+    """What the response of a changed size is multiplied by, once for each step away."""
+    rate: float = Field(default=0.6, gt=0, le=1)
+    """Share of the found change of size that is followed."""
+
+
+@dataclass(frozen=True, config=_STRICT)
+class UpdateConfig:
+    """The template's running mean, eq. 14."""
+
+    rate: float = Field(default=0.01, ge=0, le=1)
+    """θ (Table 1: 0.01)."""
+    min_score: float = Field(default=0.0, ge=0, le=1)
+    """The template is left alone in frames with a lower score."""
+
+
+@dataclass(frozen=True, config=_STRICT)
+class ScoreConfig:
+    """Score = logistic(bias + peak · peak height + psr · log peak-to-sidelobe ratio)."""
+
+    bias: float = -6.0
+    peak: float = 6.0
+    psr: float = 2.0
+    lost_below: float = Field(default=0.2, ge=0, le=1)
+    """The target counts as lost when the score falls below this …"""
+    found_above: float = Field(default=0.4, ge=0, le=1)
+    """… and as found again only when it rises above this."""
+
+
+@dataclass(frozen=True, config=_STRICT)
+class LimitsConfig:
+    """What no action may do (row 20)."""
+
+    smallest: float = Field(default=0.2, gt=0, le=1)
+    """Least size, in units of the first."""
+    largest: float = Field(default=5.0, ge=1)
+    """Largest size, in units of the first."""
+
+
+@dataclass(frozen=True, config=_STRICT)
+class Config:
+    """A tracker's configuration."""
+
+    window: WindowConfig = Field(default_factory=WindowConfig)
+    filter: FilterConfig = Field(default_factory=FilterConfig)
+    scale: ScaleConfig = Field(default_factory=ScaleConfig)
+    update: UpdateConfig = Field(default_factory=UpdateConfig)
+    score: ScoreConfig = Field(default_factory=ScoreConfig)
+    limits: LimitsConfig = Field(default_factory=LimitsConfig)
+
+
+def parse(kind: type[T], values: dict[str, Any], source: str) -> T:
+    """Make a configuration of `values`, or say which key of `source` is wrong."""
+    try:
+        return TypeAdapter(kind).validate_python(values)
+    except ValidationError as error:
+        first = error.errors()[0]
+        key = ".".join(str(part) for part in first["loc"])
+        raise EntrackError(f"{source}: {key}: {first['msg']}") from error
+
+
+def read(kind: type[T], path: Path) -> T:
+    """Read a TOML file as a configuration of `kind`."""
+    return parse(kind, read_toml(path), str(path))
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """Read a TOML file as it is, with errors that a user understands."""
+    if not path.is_file():
+        raise EntrackError(f"no configuration file {path}")
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise EntrackError(f"{path} is not a TOML file: {error}") from error

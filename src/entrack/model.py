@@ -1,0 +1,105 @@
+"""A model folder: `model.toml` names the configuration and, with their checksums, the files.
+
+    name = "cf"
+    description = "…"
+
+    [files.trunk]
+    path = "trunk.onnx"
+    sha256 = "…"
+
+    [config.window]
+    context = 3.0
+
+Nothing in it is ever executed or unpickled: TOML, ONNX and safetensors only.
+"""
+
+import os
+from dataclasses import asdict, dataclass
+from importlib.resources import files
+from pathlib import Path
+
+import tomli_w
+from pydantic import ConfigDict
+from pydantic.dataclasses import dataclass as checked
+
+from entrack.config import Config, parse, read_toml
+from entrack.errors import EntrackError
+from entrack.trunk import sha256
+
+SHIPPED = ("default", "cf", "cf-baseline")
+
+
+@checked(frozen=True, config=ConfigDict(extra="forbid"))
+class FileEntry:
+    """A file of the folder, by relative path."""
+
+    path: str
+    sha256: str
+
+
+@checked(frozen=True, config=ConfigDict(extra="forbid"))
+class ModelFile:
+    """What `model.toml` holds."""
+
+    name: str
+    description: str
+    files: dict[str, FileEntry]
+    config: Config
+
+
+@dataclass(frozen=True)
+class Model:
+    """A model folder that has been checked."""
+
+    folder: Path
+    name: str
+    config: Config
+    trunk: Path
+    checksum: str
+    """SHA-256 of `model.toml`, which names the checksums of everything else."""
+
+
+def assets() -> Path:
+    """The folder of what the package ships."""
+    return Path(str(files("entrack") / "assets"))
+
+
+def load_model(name: str | Path) -> Model:
+    """Open a shipped model by name, or a model folder by path, and verify its files.
+
+    Raises
+    ------
+    EntrackError
+        If there is no such model, or a file of it is missing or was altered.
+    """
+    folder = assets() / "models" / str(name) if name in SHIPPED else Path(name)
+    path = folder / "model.toml"
+    if not path.is_file():
+        shipped = ", ".join(SHIPPED)
+        raise EntrackError(f"no model {name}: expected {shipped}, or a folder with a model.toml")
+    content = parse(ModelFile, read_toml(path), str(path))
+    if "trunk" not in content.files:
+        raise EntrackError(f"{path} names no trunk under [files]")
+    for entry in content.files.values():
+        file = folder / entry.path
+        if not file.is_file():
+            raise EntrackError(f"model {name} is incomplete: {file} is missing")
+        if sha256(file) != entry.sha256:
+            raise EntrackError(f"{file} was altered: its SHA-256 is not the one in {path.name}")
+    trunk = folder / content.files["trunk"].path
+    return Model(folder, content.name, content.config, trunk, sha256(path))
+
+
+def save_model(folder: Path, name: str, description: str, config: Config, trunk: Path) -> None:
+    """Write `model.toml` for a trunk that lies in `folder` or may be reached from there."""
+    relative = os.path.relpath(trunk, folder)
+    content = {
+        "name": name,
+        "description": description,
+        "files": {"trunk": {"path": relative, "sha256": sha256(trunk)}},
+        "config": asdict(config),
+    }
+    folder.mkdir(parents=True, exist_ok=True)
+    temporary = folder / "model.toml.part"
+    temporary.write_text(tomli_w.dumps(content), encoding="utf-8")
+    os.replace(temporary, folder / "model.toml")

@@ -1,0 +1,127 @@
+"""The trunk: patch → features Z (second half of g, eq. 4), on OpenVINO or ONNX Runtime.
+
+Both engines read the same `trunk.onnx`, which maps BGR pixels in [0, 255], float32 (N, 3, S, S), to
+features float32 (N, C, S/16, S/16).
+"""
+
+import hashlib
+import os
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from entrack.errors import EntrackError, require
+
+Image = NDArray[np.uint8]
+Features = NDArray[np.float32]
+
+
+class Trunk(Protocol):
+    """Anything that turns patches into features."""
+
+    precision: str
+    """What it computes in on this machine, such as "int8" or "bf16"."""
+
+    def __call__(self, patches: Image) -> Features:
+        """Patches (N, S, S, 3) BGR uint8 → features (N, C, S/16, S/16) float32."""
+        ...
+
+
+class OpenVINOTrunk:
+    """The default engine: one network for one patch, and several patches at a time.
+
+    Each runs on a thread of its own, which is as fast as a batch on idle cores, much faster on busy
+    ones, and needs no second network for another number of patches.
+    """
+
+    def __init__(self, path: Path, threads: int | None = None) -> None:
+        import openvino as ov
+
+        self._ov = ov
+        self._core = ov.Core()
+        self._path = path
+        threads = threads or os.cpu_count() or 1
+        self._options: dict[str, Any] = {
+            "NUM_STREAMS": min(threads, 4),
+            "INFERENCE_NUM_THREADS": threads,
+            "ENABLE_CPU_PINNING": False,
+        }
+        self._size = 0
+        self._network: Any = None
+        self._requests: list[Any] = []
+        capabilities = self._core.get_property("CPU", "OPTIMIZATION_CAPABILITIES")
+        quantised = b"QuantizeLinear" in path.read_bytes()
+        self.precision = _precision(quantised, capabilities)
+
+    def __call__(self, patches: Image) -> Features:
+        """See `Trunk`."""
+        n, size = patches.shape[:2]
+        if size != self._size:
+            self._network, self._requests, self._size = self._compile(size), [], size
+        missing = range(n - len(self._requests))
+        self._requests += [self._network.create_infer_request() for _ in missing]
+        shape = self._network.output().shape
+        features = np.empty((n, *shape[1:]), np.float32)
+        patches = np.ascontiguousarray(patches)
+        running = self._requests[:n]
+        for i, request in enumerate(running):
+            request.set_input_tensor(self._ov.Tensor(patches[i : i + 1], shared_memory=True))
+            request.set_output_tensor(self._ov.Tensor(features[i : i + 1], shared_memory=True))
+            request.start_async()
+        for request in running:
+            request.wait()
+        return features
+
+    def _compile(self, size: int) -> Any:
+        ov = self._ov
+        model = self._core.read_model(self._path)
+        model.reshape([1, 3, size, size])
+        steps = ov.preprocess.PrePostProcessor(model)
+        steps.input().tensor().set_element_type(ov.Type.u8).set_layout(ov.Layout("NHWC"))
+        steps.input().model().set_layout(ov.Layout("NCHW"))
+        return self._core.compile_model(steps.build(), "CPU", self._options)
+
+
+class OnnxRuntimeTrunk:
+    """The engine of the `gpu` extra, for now on the CPU."""
+
+    def __init__(self, path: Path, threads: int | None = None) -> None:
+        ort = require("onnxruntime", "gpu")
+        options = ort.SessionOptions()
+        if threads:
+            options.intra_op_num_threads = threads
+        providers = ["CPUExecutionProvider"]
+        self._session = ort.InferenceSession(str(path), options, providers=providers)
+        self._input = self._session.get_inputs()[0].name
+        quantised = b"QuantizeLinear" in path.read_bytes()
+        self.precision = "int8" if quantised else "fp32"
+
+    def __call__(self, patches: Image) -> Features:
+        """See `Trunk`."""
+        x = np.ascontiguousarray(patches.transpose(0, 3, 1, 2), np.float32)
+        return self._session.run(None, {self._input: x})[0]
+
+
+ENGINES = {"openvino": OpenVINOTrunk, "onnxruntime": OnnxRuntimeTrunk}
+
+
+def load_trunk(path: Path, engine: str = "openvino", threads: int | None = None) -> Trunk:
+    """Open a `trunk.onnx` on "openvino" or "onnxruntime"; `threads` None lets it choose."""
+    if not path.is_file():
+        raise EntrackError(f"no trunk {path}")
+    if engine not in ENGINES:
+        raise EntrackError(f"no engine {engine!r}: there are {', '.join(ENGINES)}")
+    return ENGINES[engine](path, threads)
+
+
+def sha256(path: Path) -> str:
+    """The checksum by which a model folder names its files."""
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def _precision(quantised: bool, capabilities: list[str]) -> str:
+    if quantised:
+        return "int8" if "INT8" in capabilities else "fp32"
+    return "bf16" if "BF16" in capabilities else "fp32"
