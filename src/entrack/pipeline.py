@@ -1,0 +1,65 @@
+"""Work beside the main thread, in order: decode ahead of it, draw and encode behind it.
+
+PyAV, OpenCV and the inference engines release the GIL, so plain threads overlap. An exception of a
+thread is raised in the main thread.
+"""
+
+from collections import deque
+from collections.abc import Callable, Generator, Iterable
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import Generic, ParamSpec, Self, TypeVar, cast
+
+T = TypeVar("T")
+P = ParamSpec("P")
+_DEPTH = 4  # rides out a slow frame; each place holds one picture
+
+
+def ahead(items: Iterable[T], depth: int = _DEPTH) -> Generator[T, None, None]:
+    """Yield `items` unchanged while a thread computes up to `depth` of them in advance.
+
+    >>> list(ahead(range(3)))
+    [0, 1, 2]
+    """
+    iterator, end = iter(items), object()
+    with ThreadPoolExecutor(1, "ahead") as pool:
+        waiting = deque(pool.submit(next, iterator, end) for _ in range(depth))
+        try:
+            while (item := waiting.popleft().result()) is not end:
+                waiting.append(pool.submit(next, iterator, end))
+                yield cast(T, item)
+        finally:
+            for future in waiting:
+                future.cancel()
+
+
+class Behind(Generic[P]):
+    """Call `work` in a thread, in order; a call waits only when `depth` others are unfinished.
+
+    An exception of `work` is raised by one of the next calls, or on leaving the `with` block.
+
+    >>> seen = []
+    >>> with Behind(seen.append) as later:
+    ...     later(1)
+    ...     later(2)
+    >>> seen
+    [1, 2]
+    """
+
+    def __init__(self, work: Callable[P, object], depth: int = _DEPTH) -> None:
+        self._work, self._depth = work, depth
+        self._pool = ThreadPoolExecutor(1, "behind")
+        self._waiting: deque[Future[object]] = deque()
+
+    def __call__(self, *args: P.args, **kwargs: P.kwargs) -> None:
+        """Have `work` called with these arguments."""
+        if len(self._waiting) == self._depth:
+            self._waiting.popleft().result()
+        self._waiting.append(self._pool.submit(self._work, *args, **kwargs))
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._pool.shutdown(wait=True)
+        for future in self._waiting:
+            future.result()

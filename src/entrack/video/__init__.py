@@ -1,0 +1,7 @@
+"""Pictures in and out: videos, folders, cameras and streams as frames, and frames as a video."""
+
+from entrack.video.opening import open_source
+from entrack.video.source import Frame, Source
+from entrack.video.writer import VideoWriter
+
+__all__ = ["Frame", "Source", "VideoWriter", "open_source"]

@@ -1,0 +1,105 @@
+"""Video files and streams through FFmpeg (PyAV): a few frames in memory, however long the video."""
+
+import re
+from collections.abc import Generator
+from typing import TYPE_CHECKING, cast
+
+import cv2
+
+from entrack.datasets.frames import Image
+from entrack.errors import EntrackError
+from entrack.video.source import Frame, Source
+
+if TYPE_CHECKING:
+    from av.container import InputContainer
+    from av.packet import Packet
+    from av.video.frame import VideoFrame
+    from av.video.stream import VideoStream
+
+_SLACK = 0.5  # seconds that a whole video may lack of the length in its header
+_NETWORK_WAIT = 10.0  # seconds until a silent server is given up
+
+
+def open_video(name: str, address: str, start: int, stop: int | None) -> Source:
+    """Open frames `start` ≤ i < `stop` of a file or an address; see `open_source`."""
+    import av
+    from av.error import FFmpegError
+
+    timeout = _NETWORK_WAIT if "://" in address else None
+    try:
+        container = av.open(address, options={"rtsp_transport": "tcp"}, timeout=timeout)
+    except (FFmpegError, OSError) as error:
+        raise EntrackError(f"{name} cannot be read as a video: {error.strerror}") from error
+    # FFmpeg would play a text file as terminal art.
+    if not container.streams.video or container.format.name == "tty":
+        container.close()
+        raise EntrackError(f"{name} is not a video")
+    stream = container.streams.video[0]
+    fps, seconds = _rate(stream), _promised_seconds(stream)
+    length = stream.frames or (round(seconds * fps) if seconds else None)
+    return Source(name, _decode(name, container, start), fps, length, start, stop)
+
+
+def _rate(stream: "VideoStream") -> float:
+    return float(stream.average_rate or stream.guessed_rate or 25)
+
+
+def _promised_seconds(stream: "VideoStream") -> float:
+    """How long the video is by its header; 0 where it does not say."""
+    if stream.duration and stream.time_base:
+        return float(stream.duration * stream.time_base)
+    clock = re.fullmatch(r"(\d+):(\d+):([\d.]+)", stream.metadata.get("DURATION", ""))  # Matroska
+    if not clock:
+        return 0.0
+    hours, minutes, seconds = map(float, clock.groups())
+    return hours * 3600 + minutes * 60 + seconds
+
+
+def _decode(name: str, container: "InputContainer", start: int) -> Generator[Frame, None, None]:
+    """Decode on two threads; a damaged packet is left out, a missing end is an error."""
+    from av.error import FFmpegError
+
+    stream = container.streams.video[0]
+    stream.thread_type, stream.codec_context.thread_count = "FRAME", 2
+    fps, promised = _rate(stream), _promised_seconds(stream)
+    index, zero, end, cut = 0, None, 0.0, False
+    with container:
+        try:
+            for packet in container.demux(stream):
+                if packet.size:  # the last, empty one only brings out what the decoder holds back
+                    cut = packet.is_corrupt
+                for picture in [] if packet.is_corrupt else _pictures(packet):
+                    clock = index / fps if picture.pts is None else picture.time
+                    zero = clock if zero is None else zero
+                    if index >= start:
+                        yield Frame(index, clock - zero, _upright(picture))
+                    index, end = index + 1, clock - zero + _seconds_shown(picture, fps)
+        except (FFmpegError, OSError) as error:
+            raise EntrackError(f"{name} breaks off at frame {index}: {error.strerror}") from error
+    if cut or end < promised - _SLACK:
+        raise EntrackError(f"{name} breaks off at frame {index}: the file is cut short or damaged")
+
+
+def _pictures(packet: "Packet[VideoStream]") -> list["VideoFrame"]:
+    from av.error import FFmpegError
+
+    try:
+        return packet.decode()
+    except FFmpegError:
+        return []
+
+
+def _seconds_shown(picture: "VideoFrame", fps: float) -> float:
+    if picture.duration and picture.time_base:
+        return float(picture.duration * picture.time_base)
+    return 1 / fps
+
+
+def _upright(picture: "VideoFrame") -> Image:
+    """BGR pixels of a decoded frame, turned as its metadata asks."""
+    image = cast(Image, picture.to_ndarray(format="bgr24"))
+    turn = _TURNS.get(round(picture.rotation / 90) % 4)
+    return image if turn is None else cast(Image, cv2.rotate(image, turn))
+
+
+_TURNS = {1: cv2.ROTATE_90_COUNTERCLOCKWISE, 2: cv2.ROTATE_180, 3: cv2.ROTATE_90_CLOCKWISE}

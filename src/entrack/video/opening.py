@@ -1,0 +1,94 @@
+"""Open whatever a user names: video files, folders, globs, cameras, network streams."""
+
+import glob
+import itertools
+import re
+import time
+from collections.abc import Generator
+from pathlib import Path
+from typing import cast
+
+import cv2
+from cv2.utils import logging
+
+from entrack.datasets.frames import PICTURES, Image, ImageFiles
+from entrack.errors import EntrackError
+from entrack.video.decoding import open_video
+from entrack.video.source import Frame, Source
+
+_PICTURES_PER_SECOND = 25.0  # pictures in a folder carry no time
+
+
+def open_source(source: str | Path | int, start: int = 0, stop: int | None = None) -> Source:
+    """Open frames `start` ≤ i < `stop` of a video.
+
+    Parameters
+    ----------
+    source
+        A video file; a folder of pictures or a glob (both in natural order: 2 before 10, as if
+        taken 25 times a second); the number of a camera; an rtsp:// or http:// address.
+
+    Raises
+    ------
+    EntrackError
+        Now, if there is nothing to read; while frames are read, if a picture cannot be decoded or
+        the video breaks off before the end that its header promises.
+    """
+    if start < 0 or (stop is not None and stop <= start):
+        raise EntrackError(f"start must be ≥ 0 and stop later, found {start} and {stop}")
+    text, path = str(source), Path(source) if isinstance(source, str) else source
+    if "://" in text:
+        return open_video(text, text, start, stop)
+    if isinstance(path, int) or (text.isdecimal() and not path.exists()):
+        return _open_camera(int(text), start, stop)
+    if path.is_dir():
+        paths = [p for p in path.glob("[!.]*") if p.suffix.lower() in PICTURES]
+        if not paths:
+            raise EntrackError(f"folder {path} holds no pictures ({' '.join(sorted(PICTURES))})")
+        return _open_pictures(path.resolve().name, paths, start, stop)
+    if path.exists():
+        return open_video(path.name, text, start, stop)
+    if glob.has_magic(text):
+        paths = [Path(p) for p in glob.glob(text, recursive=True)]
+        if not paths:
+            raise EntrackError(f"no file matches {text}")
+        return _open_pictures(text, paths, start, stop)
+    raise EntrackError(f"there is no video, folder or camera {text}")
+
+
+def _open_pictures(name: str, paths: list[Path], start: int, stop: int | None) -> Source:
+    pictures = ImageFiles(sorted(paths, key=_natural))
+
+    def frames() -> Generator[Frame, None, None]:
+        for index in range(start, len(pictures)):
+            yield Frame(index, index / _PICTURES_PER_SECOND, pictures[index])
+
+    return Source(name, frames(), _PICTURES_PER_SECOND, len(pictures), start, stop)
+
+
+def _natural(path: Path) -> list[str | int]:
+    """Sort key that puts 2.jpg before 10.jpg."""
+    return [int(part) if part.isdecimal() else part for part in re.split(r"(\d+)", str(path))]
+
+
+def _open_camera(number: int, start: int, stop: int | None) -> Source:
+    level = logging.setLogLevel(logging.LOG_LEVEL_ERROR)  # it would tell of each driver it tried
+    camera = cv2.VideoCapture(number)
+    logging.setLogLevel(level)
+    if not camera.isOpened():
+        raise EntrackError(f"camera {number} cannot be opened")
+
+    def frames() -> Generator[Frame, None, None]:
+        try:
+            began = time.perf_counter()
+            for index in itertools.count():
+                there, image = camera.read()
+                if not there:
+                    raise EntrackError(f"camera {number} stopped at frame {index}")
+                if index >= start:
+                    yield Frame(index, time.perf_counter() - began, cast(Image, image))
+        finally:
+            camera.release()
+
+    fps = camera.get(cv2.CAP_PROP_FPS) or 30.0
+    return Source(f"camera {number}", frames(), fps, None, start, stop)
