@@ -1,0 +1,1 @@
+"""Scores under named protocols, and the runs that produce what is scored."""
