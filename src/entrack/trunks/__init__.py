@@ -1,0 +1,1 @@
+"""Make a trunk: distil, fine-tune through the filter, quantise, or import one (extra `train`)."""

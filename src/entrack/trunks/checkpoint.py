@@ -1,0 +1,94 @@
+"""A training run on disk: resumable state without pickle, and a log."""
+
+import csv
+import json
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import torch
+from safetensors.torch import load_file, save_file  # pyright: ignore[reportUnknownVariableType]
+from torch import Tensor, nn
+
+from entrack.errors import EntrackError
+
+
+def save(path: Path, network: nn.Module, optimiser: torch.optim.Optimizer, step: int) -> None:
+    """Write weights, optimiser state and the step count, atomically."""
+    tensors = {f"network.{k}": v.contiguous() for k, v in network.state_dict().items()}
+    for index, slots in optimiser.state_dict()["state"].items():
+        tensors |= {f"optimiser.{index}.{k}": v.contiguous() for k, v in slots.items()}
+    tensors["step"] = torch.tensor(step)
+    temporary = path.with_suffix(".tmp")
+    save_file(tensors, temporary)
+    os.replace(temporary, path)
+
+
+def load(path: Path, network: nn.Module, optimiser: torch.optim.Optimizer) -> int:
+    """Restore what `save` wrote; return the step count."""
+    slots: dict[int, dict[str, Tensor]] = {}
+    weights: dict[str, Tensor] = {}
+    tensors: dict[str, Tensor] = load_file(path)
+    step = int(tensors.pop("step"))
+    for key, tensor in tensors.items():
+        kind, _, name = key.partition(".")
+        if kind == "network":
+            weights[name] = tensor
+        else:
+            index, _, slot = name.partition(".")
+            slots.setdefault(int(index), {})[slot] = tensor
+    network.load_state_dict(weights)
+    optimiser.load_state_dict({**optimiser.state_dict(), "state": slots})
+    return step
+
+
+class Log:
+    """One row a report, to `log.csv` and, where it is installed, to TensorBoard."""
+
+    def __init__(self, folder: Path, name: str, resume_at: int) -> None:
+        self.path = folder / f"{name}.csv"
+        self._drop_rows_from(resume_at)
+        try:
+            from torch.utils.tensorboard.writer import SummaryWriter
+
+            self.board = SummaryWriter(str(folder / "tensorboard" / name), purge_step=resume_at)
+        except ImportError:
+            self.board = None
+
+    def write(self, step: int, values: Mapping[str, float]) -> None:
+        """Add the row of `step`."""
+        row = {"step": step} | {k: round(v, 6) for k, v in values.items()}
+        fresh = not self.path.exists()
+        with self.path.open("a", newline="") as file:
+            writer = csv.DictWriter(file, list(row))
+            if fresh:
+                writer.writeheader()
+            writer.writerow(row)
+        if self.board:
+            for key, value in values.items():
+                self.board.add_scalar(key, value, step)
+
+    def _drop_rows_from(self, step: int) -> None:
+        """Rows after the last checkpoint are written again when a run resumes."""
+        if not self.path.exists():
+            return
+        head, *rows = self.path.read_text().splitlines()
+        kept = [row for row in rows if int(row.split(",")[0]) <= step]
+        self.path.write_text("\n".join([head, *kept]) + "\n")
+
+
+def claim(folder: Path, config: Mapping[str, Any], resume: bool) -> None:
+    """Make a run folder for `config`, or go on in one that was made for the same."""
+    path = folder / "config.json"
+    if path.exists():
+        old, new = json.loads(path.read_text()), json.loads(json.dumps(config))
+        if old != new:
+            keys = sorted(k for k in old.keys() | new.keys() if old.get(k) != new.get(k))
+            raise EntrackError(f"{folder} holds a run of another configuration: {keys} differ")
+        if not resume:
+            raise EntrackError(f"{folder} holds a run already: add --resume, or name a new folder")
+    folder.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_suffix(".tmp")
+    temporary.write_text(json.dumps(config, indent=2))
+    os.replace(temporary, path)
