@@ -1,0 +1,56 @@
+"""What the commands share: errors of the call, and the progress bar."""
+
+from collections.abc import Callable, Generator
+from contextlib import contextmanager
+from typing import Any
+
+import typer
+
+from entrack.errors import EntrackError
+
+WrongCall: Any = typer.BadParameter.__base__
+"""What typer raises for words that it cannot parse; typer has no public name for it."""
+
+
+class CallError(EntrackError):
+    """The command was called with something that it cannot use: exit code 2."""
+
+
+def new_app(**options: Any) -> typer.Typer:
+    """Make the app of one command: plain help that keeps examples as they are."""
+    return typer.Typer(add_completion=False, rich_markup_mode=None, **options)
+
+
+@contextmanager
+def checking_call() -> Generator[None, None, None]:
+    """Make an `EntrackError` in the block an error of the call, unless the system refused."""
+    try:
+        yield
+    except EntrackError as error:
+        if isinstance(error.__cause__, OSError):
+            raise
+        raise CallError(str(error)) from error
+
+
+@contextmanager
+def progress(label: str, total: float | None) -> Generator[Callable[[], None], None, None]:
+    """Show a bar on stderr with rate and time left; the function that it yields moves it by one."""
+    from rich import progress as bar
+    from rich.console import Console
+    from rich.text import Text
+
+    class Rate(bar.ProgressColumn):
+        def render(self, task: bar.Task) -> Text:
+            speed = task.finished_speed or task.speed
+            return Text("" if speed is None else f"{speed:.0f}/s")
+
+    columns = (
+        bar.TextColumn("{task.description}"),
+        bar.BarColumn(),
+        bar.MofNCompleteColumn(),
+        Rate(),
+        bar.TimeRemainingColumn(elapsed_when_finished=True),
+    )
+    with bar.Progress(*columns, console=Console(stderr=True)) as shown:
+        task = shown.add_task(label, total=total)
+        yield lambda: shown.advance(task)

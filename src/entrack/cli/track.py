@@ -1,0 +1,98 @@
+"""`entrack track`."""
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+import entrack
+from entrack import box as boxes_
+from entrack.box import Boxes
+from entrack.cli.console import CallError, checking_call, new_app
+from entrack.cli.tracking import Summary, run
+from entrack.run import Recorder
+from entrack.video import open_source
+
+app = new_app()
+
+
+@app.command()
+def track(
+    source: Annotated[
+        str,
+        typer.Argument(
+            metavar="SOURCE", help="Video, folder of pictures, glob, number of a camera, or URL."
+        ),
+    ],
+    box: Annotated[
+        list[str],
+        typer.Option(
+            metavar="X,Y,W,H",
+            help="The object in the first frame: left, top, width and height in pixels. "
+            "Once for each object.",
+        ),
+    ],
+    model: Annotated[str, typer.Option(help="Name of a model, or its folder.")] = "default",
+    boxes: Annotated[
+        Path | None, typer.Option(metavar="OUT.csv|.jsonl|.txt", help="Write the boxes here.")
+    ] = None,
+    video: Annotated[
+        Path | None, typer.Option(metavar="OUT.mp4", help="Write the video with boxes drawn here.")
+    ] = None,
+    start: Annotated[int, typer.Option(help="First frame; they count from 0.")] = 0,
+    stop: Annotated[int | None, typer.Option(help="Frame before which to stop.")] = None,
+    threads: Annotated[
+        int | None, typer.Option(help="Threads of the network; all cores by default.")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
+) -> None:
+    """Track objects through a video.
+
+    \b
+    entrack track surfer.mp4 --box 125,180,137,167 --video out.mp4
+    entrack track 'frames/*.jpg' --box 20,30,40,80 --boxes out.csv
+    entrack track match.mkv --start 250 --box 10,20,40,80 --box 90,25,40,80
+    entrack track rtsp://camera/stream --box 20,30,40,80 --boxes out.jsonl
+
+    The CSV has a row for each frame and object: score is the probability that the box is on the
+    object, lost is 1 where the tracker does not see it, sigma is the standard deviation of each
+    side. Ctrl-C ends the work and finishes the files.
+    """  # noqa: D301
+    with checking_call():
+        wanted = [boxes_.parse(text) for text in box]
+        opened = open_source(source, start, stop)
+    with opened:
+        given = [_inside(number, b, opened.size) for number, b in enumerate(wanted, 1)]
+        _spare(source, boxes, video)
+        tracker = entrack.load(model, threads=threads)
+        with checking_call():
+            recorder = Recorder(boxes, video, len(given), opened.fps)
+        summary = Summary(opened.name, recorder.paths)
+        try:
+            run(tracker, opened, given, recorder, summary)
+        finally:
+            if summary.frames:
+                typer.echo(json.dumps(summary.as_dict()) if as_json else summary)
+
+
+def _inside(number: int, box: Boxes, size: tuple[int, int]) -> Boxes:
+    """The part of a box inside the picture; says so if that is not all of it."""
+    clipped, (width, height) = boxes_.clip(box, *size), size
+    if clipped[2:].min() < 1:
+        raise CallError(f"box {_text(box)} lies outside the {width}×{height} picture")
+    if (clipped != box).any():
+        note = f"box {number} reaches outside the {width}×{height} picture"
+        typer.echo(f"note: {note}: tracking {_text(clipped)}", err=True)
+    return clipped
+
+
+def _text(box: Boxes) -> str:
+    return ",".join(f"{side:g}" for side in box)
+
+
+def _spare(source: str, *outputs: Path | None) -> None:
+    """Refuse to write over what is being read."""
+    for path in outputs:
+        if path and path.exists() and Path(source).exists() and path.samefile(source):
+            raise CallError(f"{path} is the source: choose another name for what is written")
