@@ -1,0 +1,151 @@
+"""Compare shapes of trunks at one small budget: AUC of `cf` on the validation clips against time.
+
+    python benchmarks/trunk_candidates.py train --shared SHARED --out OUT      # resumes
+    python benchmarks/trunk_candidates.py measure --shared SHARED --out OUT    # table and plot
+
+SHARED is the folder of the research data; each candidate takes about seven minutes on two cores.
+"""
+
+import argparse
+import csv
+from pathlib import Path
+from statistics import median
+from time import perf_counter
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+from entrack.config import Config, read
+from entrack.datasets import open_dataset
+from entrack.evaluation import ope
+from entrack.model import assets
+from entrack.tracker import Tracker
+from entrack.trunk import Trunk, load_trunk
+from entrack.trunks.crops import load_stills
+from entrack.trunks.distil import DistilConfig
+from entrack.trunks.finetune import FinetuneConfig
+from entrack.trunks.material import gather
+from entrack.trunks.networks import StudentConfig
+from entrack.trunks.quantise import quantise
+from entrack.trunks.train import TrunkTrainConfig, train_trunk
+
+CANDIDATES = {
+    "half": StudentConfig(widths=(32, 64, 128), depths=(1, 2, 2)),
+    "wide": StudentConfig(widths=(32, 96, 192), depths=(1, 2, 2)),
+    "late": StudentConfig(widths=(32, 64, 256), depths=(1, 2, 2)),
+    "deep": StudentConfig(widths=(32, 64, 128), depths=(1, 2, 4)),
+    "rep": StudentConfig(widths=(32, 64, 128), depths=(2, 4, 6), block="rep"),
+    "separable": StudentConfig(widths=(32, 64, 128), depths=(2, 3, 4), block="separable"),
+}
+STARTS, FRAMES = (0, 50, 100, 150), 70
+PRESETS = assets().parent / "presets"
+
+
+def train(shared: Path, out: Path, names: list[str]) -> None:
+    """Train each candidate for the same number of crops and pairs."""
+    full = read(TrunkTrainConfig, PRESETS / "trunk.toml")
+    data = shared / "data"
+    material = gather(
+        full.material,
+        [f"folder:{data / 'train'}"],
+        data / "images",
+        data / "unlabelled",
+        data,
+        print,
+    )
+    for name in names:
+        config = TrunkTrainConfig(
+            material=full.material,
+            student=CANDIDATES[name],
+            distil=DistilConfig(crops=32_000),
+            finetune=(FinetuneConfig(pairs=4_800, lr=5e-4, made=0.2),),
+        )
+        run = out / name
+        if not (run / "trunk.onnx").exists():
+            weights = shared / "trunk" / "resnet18_layer3_folded.npz"
+            train_trunk(config, material, weights, run, resume=True, report=_report(name))
+
+
+def _report(name: str):
+    def report(stage: str, step: int, steps: int, values: dict[str, float]) -> None:
+        if step % 100 == 0:
+            print(name, stage, f"{step}/{steps}", values, flush=True)
+
+    return report
+
+
+def validation_auc(trunk: Trunk, shared: Path) -> float:
+    """Mean success of `cf` over runs of 70 frames from up to four places of each validation clip.
+
+    Whole clips would say less: one of them lost early or late moves the mean by .05.
+    """
+    config = read(Config, PRESETS / "cf.toml")
+    names = read(TrunkTrainConfig, PRESETS / "trunk.toml").material.validation
+    dataset = open_dataset(f"folder:{shared / 'data' / 'train'}")
+    scores: list[float] = []
+    for name in names:
+        sequence = dataset.read(name)
+        present = ope.valid(sequence.boxes)
+        for start in STARTS:
+            run = range(start, min(start + FRAMES, len(sequence)))
+            if len(run) < FRAMES // 2 or not present[start]:
+                continue
+            tracker = Tracker(config, trunk)
+            tracker.init(sequence.frames[start], sequence.boxes[start])
+            boxes = [sequence.boxes[start]]
+            boxes += [tracker.update(sequence.frames[t]).box for t in run[1:]]
+            there = present[run.start : run.stop]
+            truth = sequence.boxes[run.start : run.stop][there]
+            overlaps = ope.overlaps(truth, np.array(boxes)[there])
+            scores.append(ope.auc(ope.success_curve(overlaps)))
+    return float(np.mean(scores))
+
+
+def milliseconds(trunks: dict[str, Trunk], rounds: int = 200) -> dict[str, float]:
+    """Median time of one 288² patch; the trunks take turns, so noise falls on all alike."""
+    patch = np.random.default_rng(0).integers(0, 255, (1, 288, 288, 3), dtype=np.uint8)
+    times: dict[str, list[float]] = {name: [] for name in trunks}
+    for _ in range(rounds):
+        for name, trunk in trunks.items():
+            start = perf_counter()
+            trunk(patch)
+            times[name].append(1e3 * (perf_counter() - start))
+    return {name: median(values) for name, values in times.items()}
+
+
+def measure(shared: Path, out: Path, names: list[str]) -> None:
+    """Quantise what is trained; write its accuracy and time as a table and a plot."""
+    trained = [name for name in names if (out / name / "trunk.onnx").exists()]
+    stills = load_stills(shared / "data" / "images")
+    for name in trained:
+        if not (out / name / "int8.onnx").exists():
+            quantise(out / name / "trunk.onnx", stills, out / name / "int8.onnx")
+    trunks = {name: load_trunk(out / name / "int8.onnx", threads=2) for name in trained}
+    times = milliseconds(trunks)
+    scores = {name: validation_auc(trunk, shared) for name, trunk in trunks.items()}
+    with (out / "candidates.csv").open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(["name", "ms", "validation_auc"])
+        writer.writerows([name, f"{times[name]:.3f}", f"{scores[name]:.4f}"] for name in trained)
+    figure, axes = plt.subplots(figsize=(6, 4))
+    for name in trained:
+        axes.plot(times[name], scores[name], "o")
+        axes.annotate(name, (times[name], scores[name]), (5, 5), textcoords="offset points")
+    axes.set(xlabel="ms a patch, int8, one stream", ylabel="validation AUC, short runs")
+    figure.savefig(out / "candidates.png", dpi=150, bbox_inches="tight")
+    print((out / "candidates.csv").read_text())
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("action", choices=["train", "measure"])
+    parser.add_argument("--shared", type=Path, required=True)
+    parser.add_argument("--out", type=Path, required=True)
+    parser.add_argument("--names", nargs="+", default=list(CANDIDATES))
+    arguments = parser.parse_args()
+    action = {"train": train, "measure": measure}[arguments.action]
+    action(arguments.shared, arguments.out, arguments.names)
+
+
+if __name__ == "__main__":
+    main()

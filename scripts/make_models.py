@@ -1,0 +1,26 @@
+"""Write the shipped model folders from the presets, after a trunk or a preset has changed.
+
+python scripts/make_models.py
+"""
+
+from entrack.config import Config, read
+from entrack.model import SHIPPED, assets, save_model
+
+DESCRIPTIONS = {
+    "default": "What `entrack track` uses: the correlation filter with three sizes.",
+    "cf": "The correlation filter with three sizes, eqs. 1-3 and 14.",
+    "cf-baseline": "The paper's CF.Baseline: the correlation filter, the size stays.",
+}
+
+
+def main() -> None:
+    presets = assets().parent / "presets"
+    for name in SHIPPED:
+        config = read(Config, presets / f"{name}.toml")
+        folder = assets() / "models" / name
+        save_model(folder, name, DESCRIPTIONS[name], config, assets() / "trunk" / "trunk.onnx")
+        print(f"wrote {folder / 'model.toml'}")
+
+
+if __name__ == "__main__":
+    main()
