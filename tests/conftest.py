@@ -1,0 +1,14 @@
+"""Fixtures that several test files use."""
+
+from pathlib import Path
+
+import pytest
+
+
+@pytest.fixture(scope="session")
+def shared() -> Path:
+    """The research data beside the repository; the test skips where there is none."""
+    folder = Path(__file__).resolve().parents[1].parent / "shared"
+    if not (folder / "data").is_dir():
+        pytest.skip(f"needs the research data: no folder {folder.name}/data beside the repository")
+    return folder

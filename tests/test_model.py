@@ -1,0 +1,94 @@
+"""Model folders: what is accepted, and what is refused in one sentence."""
+
+import shutil
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+import entrack
+from entrack.errors import EntrackError
+from entrack.model import SHIPPED, assets, load_model
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """A copy of the shipped model that may be damaged."""
+    copy = tmp_path / "models" / "default"
+    shutil.copytree(assets() / "models" / "default", copy)
+    shutil.copytree(assets() / "trunk", tmp_path / "trunk")
+    return copy
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_every_shipped_model_tracks(name: str):
+    tracker = entrack.load(name, threads=1)
+    rng = np.random.default_rng(0)
+    frame = rng.integers(0, 255, (120, 160, 3), dtype=np.uint8)
+    tracker.init(frame, (40, 30, 50, 40))
+    estimate = tracker.update(frame)
+    np.testing.assert_allclose(estimate.box, [40, 30, 50, 40], atol=1.5)
+    assert estimate.score > 0.5 and not estimate.lost
+
+
+def test_a_folder_is_a_model(folder: Path):
+    assert load_model(folder).config == load_model("default").config
+
+
+def test_unknown_models_are_refused():
+    with pytest.raises(EntrackError, match="no model nonsense: expected default, cf"):
+        load_model("nonsense")
+
+
+def test_a_missing_file_is_named(folder: Path):
+    (folder.parents[1] / "trunk" / "trunk.onnx").unlink()
+    with pytest.raises(EntrackError, match=r"incomplete: .*trunk\.onnx is missing"):
+        load_model(folder)
+
+
+def test_an_altered_file_is_named(folder: Path):
+    trunk = folder.parents[1] / "trunk" / "trunk.onnx"
+    content = bytearray(trunk.read_bytes())
+    content[1000] ^= 1
+    trunk.write_bytes(content)
+    with pytest.raises(EntrackError, match=r"trunk\.onnx was altered"):
+        load_model(folder)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("context = 3.0", "context = 30.0", r"config\.window\.context"),
+        ("context = 3.0", "kontext = 3.0", r"config\.window\.kontext"),
+        ("context = 3.0", 'context = "wide"', r"config\.window\.context"),
+        ("context = 3.0", "context = ", "not a TOML file"),
+        ("[files.trunk]", "[files.other]", "names no trunk"),
+    ],
+)
+def test_a_wrong_key_is_named(folder: Path, old: str, new: str, message: str):
+    path = folder / "model.toml"
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new))
+    with pytest.raises(EntrackError, match=message):
+        load_model(folder)
+
+
+def test_unknown_engines_are_refused():
+    with pytest.raises(EntrackError, match="no engine 'abacus': there are openvino, onnxruntime"):
+        entrack.load("cf", engine="abacus")
+
+
+def test_engines_agree_on_boxes():
+    pytest.importorskip("onnxruntime")
+    rng = np.random.default_rng(1)
+    frame = cv2.resize(rng.integers(0, 255, (24, 32, 3), dtype=np.uint8), (320, 240))
+    moved = np.roll(frame, (4, -7), axis=(0, 1))
+    boxes = []
+    for engine in ("openvino", "onnxruntime"):
+        tracker = entrack.load("cf", engine=engine, threads=1)
+        tracker.init(frame, (120, 90, 60, 50))
+        boxes.append(tracker.update(moved).box)
+    np.testing.assert_allclose(boxes[0], boxes[1], atol=0.5)
+    np.testing.assert_allclose(boxes[0][:2], [113, 94], atol=2)

@@ -1,0 +1,104 @@
+"""Trunks at run time: both engines, any number of patches, and what is no trunk."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("torch")
+pytest.importorskip("onnxruntime")
+
+from entrack.errors import EntrackError
+from entrack.trunk import ENGINES, load_trunk, sha256
+from entrack.trunks.export import export
+from entrack.trunks.networks import as_input
+from trunk_files import picture, student, write_trunk
+
+
+@pytest.fixture(scope="module")
+def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_trunk(tmp_path_factory.mktemp("trunk") / "trunk.onnx")
+
+
+@pytest.fixture(scope="module")
+def patches() -> np.ndarray:
+    return np.stack([picture(seed, 96, 96) for seed in range(5)])
+
+
+def alike(a: np.ndarray, b: np.ndarray) -> float:
+    """Cosine between all features; bf16 on one engine and fp32 on the other are alike to 1e-4."""
+    return float((a * b).sum() / np.linalg.norm(a) / np.linalg.norm(b))
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_engines_say_what_the_network_says(engine: str, file: Path, patches: np.ndarray):
+    network = student()
+    from entrack.trunks.networks import fold_all, fold_input
+
+    expected = fold_input(fold_all(network))(as_input(patches)).detach().numpy()
+    found = load_trunk(file, engine, threads=1)(patches)
+    assert found.shape == (5, 256, 6, 6) and found.dtype == np.float32
+    assert alike(found, expected) > 0.9999
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_a_patch_has_the_same_features_in_any_company(engine: str, file: Path, patches: np.ndarray):
+    trunk = load_trunk(file, engine, threads=2)
+    together = trunk(patches)
+    for count in (1, 2, 4):
+        np.testing.assert_allclose(trunk(patches[:count]), together[:count], atol=1e-5)
+    np.testing.assert_allclose(trunk(patches[::-1].copy()), together[::-1], atol=1e-5)
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_results_are_kept_when_the_trunk_goes_on(engine: str, file: Path, patches: np.ndarray):
+    trunk = load_trunk(file, engine, threads=1)
+    first = trunk(patches[:1])
+    before = first.copy()
+    trunk(patches[1:2])
+    np.testing.assert_array_equal(first, before)
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_patches_may_change_their_size(engine: str, file: Path):
+    trunk = load_trunk(file, engine, threads=1)
+    for side in (64, 160, 64):
+        assert trunk(np.zeros((2, side, side, 3), np.uint8)).shape == (
+            2,
+            256,
+            side // 16,
+            side // 16,
+        )
+
+
+def test_precision_is_what_runs(file: Path):
+    import openvino as ov
+
+    fast = "BF16" in ov.Core().get_property("CPU", "OPTIMIZATION_CAPABILITIES")
+    assert load_trunk(file).precision == ("bf16" if fast else "fp32")
+    assert load_trunk(file, "onnxruntime").precision == "fp32"
+
+
+def test_missing_files_and_unknown_engines_are_named(file: Path, tmp_path: Path):
+    with pytest.raises(EntrackError, match=r"no trunk .*absent\.onnx"):
+        load_trunk(tmp_path / "absent.onnx")
+    with pytest.raises(EntrackError, match="no engine 'abacus': there are openvino, onnxruntime"):
+        load_trunk(file, "abacus")
+
+
+def test_checksum_sees_one_bit(file: Path, tmp_path: Path):
+    copy = tmp_path / "copy.onnx"
+    content = bytearray(file.read_bytes())
+    copy.write_bytes(content)
+    assert sha256(copy) == sha256(file)
+    content[-1] ^= 1
+    copy.write_bytes(content)
+    assert sha256(copy) != sha256(file)
+
+
+def test_export_replaces_a_trunk_in_one_step(tmp_path: Path):
+    path = tmp_path / "trunk.onnx"
+    path.write_bytes(b"old")
+    export(student(), path)
+    assert [p.name for p in tmp_path.iterdir()] == ["trunk.onnx"]
+    assert load_trunk(path, threads=1)(np.zeros((1, 32, 32, 3), np.uint8)).shape == (1, 256, 2, 2)
