@@ -198,3 +198,18 @@ def test_same_input_same_output():
         return np.array([t.update(scene((100 + 3 * k, 80))).box for k in range(1, 8)])
 
     np.testing.assert_array_equal(run(), run())
+
+
+def test_looks_show_where_the_response_came_from():
+    t = tracker(scale=ScaleConfig(steps=1))
+    t.init(scene((100, 80)), (100, 80, 40, 40))
+    assert t.looks == [None]
+    estimate = t.update(scene((106, 80)))
+    [look] = t.looks
+    assert look is not None
+    assert look.patch.shape == (288, 288, 3)
+    assert look.features.shape == (7, 18, 18)
+    cell = estimate.search[2] / 18
+    found = np.unravel_index(look.response.argmax(), look.response.shape)
+    assert abs((found[1] - 9) * cell - 6) < cell
+    assert found[0] == 9

@@ -37,6 +37,18 @@ class Estimate:
     """Milliseconds that the frame took, shared by all targets of the frame."""
 
 
+@dataclass(frozen=True)
+class Look:
+    """What the tracker saw of one target in the last frame; for drawing and explaining."""
+
+    patch: windows.Image
+    """The search window's content (S, S, 3) uint8 BGR."""
+    features: cf.Features
+    """Z, tapered: (C, n, n) float32."""
+    response: cf.Features
+    """M: (n, n) float32, its peak at [n // 2, n // 2] for a target that has not moved (eq. 3)."""
+
+
 @dataclass
 class _Target:
     """What is remembered of one target from frame to frame."""
@@ -45,6 +57,7 @@ class _Target:
     first: Boxes
     template: cf.Features
     weights: cf.Spectrum
+    look: Look | None = None
     lost: bool = False
     unlearned: windows.Image | None = None
     """The last frame at the new box, of which X' of eq. 14 is made together with the next Z."""
@@ -124,7 +137,10 @@ class Tracker:
         candidates = features[len(due) :].reshape(
             len(self._targets), len(self._zooms), *features.shape[1:]
         )
-        scores = [self._move(t, z) for t, z in zip(self._targets, candidates, strict=True)]
+        patches = [looks[k : k + len(self._zooms)] for k in range(0, len(looks), len(self._zooms))]
+        scores = [
+            self._move(t, p, z) for t, p, z in zip(self._targets, patches, candidates, strict=True)
+        ]
         for target, score in zip(self._targets, scores, strict=True):
             learn = self.config.update.rate > 0 and score >= self.config.update.min_score
             target.unlearned = self._patch(frame, target.box) if learn else None
@@ -134,13 +150,21 @@ class Tracker:
             for t, score, search in zip(self._targets, scores, searches, strict=True)
         ]
 
-    def _move(self, target: _Target, candidates: cf.Features) -> float:
+    @property
+    def looks(self) -> list[Look | None]:
+        """What was seen of each target in the last frame; None before the first `update`."""
+        return [target.look for target in self._targets]
+
+    def _move(
+        self, target: _Target, patches: list[windows.Image], candidates: cf.Features
+    ) -> float:
         """Move and resize the box to where the response is highest; return the score."""
         config = self.config
         responses = cf.respond(target.weights, cf.spectrum(candidates))
         penalties = config.scale.penalty ** np.abs(self._steps)
         best = int((responses.max(axis=(-2, -1)) * penalties).argmax())
         peak = cf.peak(responses[best])
+        target.look = Look(patches[best], candidates[best], responses[best])
         window = windows.around(target.box, config.window, self._zooms[best])
         cell = window.box[2:] / responses.shape[-1]
         centre = boxes_.centre(target.box) + np.array([peak.dx, peak.dy]) * cell
