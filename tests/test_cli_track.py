@@ -86,6 +86,15 @@ def test_options_reach_the_tracker(clip: str, monkeypatch: pytest.MonkeyPatch) -
     assert asked == [("default", None), ("cf", 2)]
 
 
+@pytest.mark.parametrize("threads", ["0", "-3", "two"])
+def test_impossible_threads_are_a_wrong_call(
+    clip: str, threads: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["track", clip, "--box", BOX, "--threads", threads]) == 2
+    shown = capsys.readouterr()
+    assert "'--threads'" in shown.err and len(shown.err.splitlines()) == 1 and not shown.out
+
+
 def test_box_partly_outside_is_clipped_and_said_so(
     clip: str, out: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

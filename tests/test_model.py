@@ -80,6 +80,12 @@ def test_unknown_engines_are_refused():
         entrack.load("cf", engine="abacus")
 
 
+@pytest.mark.parametrize("threads", [0, -3])
+def test_less_than_one_thread_is_refused(threads: int):
+    with pytest.raises(EntrackError, match=f"at least 1, found {threads}"):
+        entrack.load("cf", threads=threads)
+
+
 def test_engines_agree_on_boxes():
     pytest.importorskip("onnxruntime")
     rng = np.random.default_rng(1)

@@ -113,6 +113,8 @@ def load_trunk(path: Path, engine: str = "openvino", threads: int | None = None)
         raise EntrackError(f"no trunk {path}")
     if engine not in ENGINES:
         raise EntrackError(f"no engine {engine!r}: there are {', '.join(ENGINES)}")
+    if threads is not None and threads < 1:
+        raise EntrackError(f"threads must be at least 1, found {threads}")
     return ENGINES[engine](path, threads)
 
 

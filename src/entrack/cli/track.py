@@ -43,7 +43,7 @@ def track(
     start: Annotated[int, typer.Option(help="First frame; they count from 0.")] = 0,
     stop: Annotated[int | None, typer.Option(help="Frame before which to stop.")] = None,
     threads: Annotated[
-        int | None, typer.Option(help="Threads of the network; all cores by default.")
+        int | None, typer.Option(min=1, help="Threads of the network; all cores by default.")
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
 ) -> None:
