@@ -160,6 +160,8 @@ def test_what_cannot_be_tracked_is_a_wrong_call(
         ("--boxes", "none/o.csv", 1, "No such file or directory"),
         ("--video", "none/o.mp4", 1, "No such file or directory"),
         ("--video", "../clip.mp4", 2, "is the source"),
+        ("--boxes", "", 2, "is a folder"),
+        ("--video", "../folder.mp4", 2, "is a folder"),
     ],
 )
 def test_output_that_cannot_be_written(
@@ -171,6 +173,7 @@ def test_output_that_cannot_be_written(
     message: str,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
+    (out.parent / "folder.mp4").mkdir()
     assert main(["track", clip, "--box", BOX, option, str(out / name)]) == code
     shown = capsys.readouterr()
     assert message in shown.err and len(shown.err.splitlines()) == 1 and not shown.out

@@ -92,7 +92,9 @@ def _text(box: Boxes) -> str:
 
 
 def _spare(source: str, *outputs: Path | None) -> None:
-    """Refuse to write over what is being read."""
+    """Refuse to write over what is being read, or over a folder."""
     for path in outputs:
+        if path and path.is_dir():
+            raise CallError(f"{path} is a folder: name a file in it")
         if path and path.exists() and Path(source).exists() and path.samefile(source):
             raise CallError(f"{path} is the source: choose another name for what is written")
