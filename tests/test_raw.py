@@ -85,7 +85,7 @@ def test_two_files_for_one_sequence_are_refused(tmp_path):
         ("\n\n", "is empty"),
         ("1,2,3,4\n1,2,3\n", "line 2: 3 numbers, expected 4"),
         ("1,2,3,4,5,6,7,8\n", "8 numbers, expected 4"),
-        ("1,2,3,four\n", "could not convert"),
+        ("1,2,3,four\n", "line 1: could not convert"),
     ],
 )
 def test_unreadable_results_say_where(tmp_path, text, why):

@@ -52,7 +52,7 @@ def check(
         dataset = open_dataset(data)
     findings = list(findings_of(dataset, every_frame=every_frame))
     wrong = {f.sequence for f in findings if f.kind != "note"}
-    scored = len(set(dataset.names) - {f.sequence for f in findings if f.kind == "missing"})
+    scored = len(set(dataset.names) - {f.sequence for f in findings if not f.scored})
     total = len(dataset.official) or len(dataset.names)
     if as_json:
         summary = {"scored": scored, "of": total, "findings": [asdict(f) for f in findings]}

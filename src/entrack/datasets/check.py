@@ -22,16 +22,23 @@ class Finding:
     Parameters
     ----------
     kind
-        "missing": not there, so not scored. "error": there, but no tracker can run on it.
-        "note": as published, or worth a look; it is scored.
+        "missing": not there, so not scored. "unusable": there, but its ground truth cannot be
+        scored. "error": no tracker can run on it; given results are scored. "note": as published,
+        or worth a look; it is scored.
     """
 
-    kind: Literal["missing", "error", "note"]
+    kind: Literal["missing", "unusable", "error", "note"]
     sequence: str
     text: str
 
+    @property
+    def scored(self) -> bool:
+        """Whether the sequence can be scored in spite of it."""
+        return self.kind in ("error", "note")
+
     def __str__(self) -> str:
-        what = {"missing": "not scored", "error": "cannot be tracked", "note": "scored"}[self.kind]
+        what = "scored" if self.scored else "not scored"
+        what = "cannot be tracked" if self.kind == "error" else what
         name = f"{self.sequence}: " if self.sequence else ""
         return f"{self.kind}: {name}{self.text} ({what})"
 
@@ -44,7 +51,7 @@ def check(dataset: Dataset, *, every_frame: bool = False) -> Iterator[Finding]:
         try:
             sequence = dataset.read(name)
         except EntrackError as error:
-            yield Finding("missing", name, str(error))
+            yield Finding("unusable", name, str(error))
             continue
         yield from _check_boxes(sequence, dataset)
         yield from _check_frames(sequence, every_frame)
@@ -54,7 +61,7 @@ def _check_boxes(sequence: Sequence, dataset: Dataset) -> Iterator[Finding]:
     name, boxes = sequence.name, sequence.boxes
     invalid = ~(np.isfinite(boxes).all(axis=1) & (boxes[:, 2:] > 0).all(axis=1))
     if invalid.all():
-        yield Finding("missing", name, "no frame has a valid box")
+        yield Finding("unusable", name, "no frame has a valid box")
         return
     official = dataset.lengths.get(name)
     if official and len(sequence) != official:

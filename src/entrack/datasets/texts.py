@@ -89,10 +89,13 @@ def parse_table(text: str, columns: Collection[int], where: str) -> NDArray[np.f
                 f"{c} ({_MEANING[c]})" if c in _MEANING else str(c) for c in columns
             )
             raise EntrackError(f"{where}, line {number}: {len(row)} numbers, expected {expected}")
+    numbers: list[list[float]] = []
     try:
-        return np.array([list(map(float, row)) for row in rows])
+        for row in rows:
+            numbers.append(list(map(float, row)))
     except ValueError as error:
-        raise EntrackError(f"{where}: {error}") from error
+        raise EntrackError(f"{where}, line {len(numbers) + 1}: {error}") from error
+    return np.array(numbers)
 
 
 _BLANKS = str.maketrans({",": " ", ";": " ", "\t": " ", "\ufeff": " "})
