@@ -3,9 +3,10 @@
     python benchmarks/official_toolkits.py --data DATA --work DIR \
         --got10k VENV/bin/python --vot VENV/bin/python [--tracker opencv:mosse]
 
-DATA has `otb/`, `vot/` and `train/`. Each toolkit lives in an environment of its own: `got10k`
-(numpy < 2), and `vot-toolkit==0.9.*` with `attributee==0.1.9` and numpy < 2; this one needs
-`vot-trax`. Prints a table; exit code 1 if a number differs by more than 1e-4.
+DATA has `otb/`, `vot/` and `train/`. Each toolkit lives in an environment of its own: `got10k` with
+six (which it forgets) and numpy < 2, and `vot-toolkit==0.9.*` with `attributee==0.1.9` and
+numpy < 2; this one needs `vot-trax`. Prints a table; exit code 1 if a number differs by more than
+1e-4.
 """
 
 import argparse

@@ -97,7 +97,7 @@ def test_command_prints_tables_and_writes_json(tmp_path: Path, capsys: pytest.Ca
 
 
 def test_wrong_calls_say_what_is_wrong(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-    assert main(["bench", "--model", "nonsense"]) == 1
+    assert main(["bench", "--model", "nonsense"]) == 2
     assert "no model nonsense" in capsys.readouterr().err
-    assert main(["bench", "--nanotrack", str(tmp_path), "--frames", "10"]) == 1
+    assert main(["bench", "--nanotrack", str(tmp_path), "--frames", "10"]) == 2
     assert "expected one" in capsys.readouterr().err

@@ -187,7 +187,7 @@ def test_model_that_does_not_load_is_one_sentence(
         raise EntrackError("no model nonsense")
 
     monkeypatch.setattr(entrack, "load", load)
-    assert main(["track", clip, "--box", BOX, "--boxes", str(out / "o.csv")]) == 1
+    assert main(["track", clip, "--box", BOX, "--boxes", str(out / "o.csv")]) == 2
     assert capsys.readouterr().err == "error: no model nonsense\n"
     assert not list(out.iterdir())
 

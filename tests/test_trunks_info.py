@@ -53,7 +53,9 @@ def test_model_by_name_has_its_provenance(capsys: pytest.CaptureFixture[str]):
     assert "1 threads" not in shown
 
 
-def test_what_is_no_trunk_is_refused(tmp_path: Path):
+def test_what_is_no_trunk_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    assert main(["trunk", "info", "nonsense"]) == 2
+    assert "no model nonsense" in capsys.readouterr().err
     with pytest.raises(EntrackError, match="no model nonsense"):
         inspect("nonsense")
     with pytest.raises(EntrackError, match=r"no trunk .*absent\.onnx"):

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from entrack.cli.console import new_app
+from entrack.cli.console import checking_call, new_app
 from entrack.files import write_bytes
 
 app = new_app()
@@ -46,10 +46,12 @@ def bench(
     from entrack.model import load_model
     from entrack.trunk import load_trunk
 
-    opened = load_model(model)
     threads = threads or os.cpu_count() or 1
     others = list(PEERS) if peers else []
     others += [f"opencv:nano:{nanotrack}"] if nanotrack else []
+    with checking_call():
+        opened = load_model(model)
+        contenders = b.contenders(opened, threads, others)
     recording = b.demo(frames)
     trunk = load_trunk(opened.trunk, threads=threads)
     found: dict[str, Any] = {
@@ -62,7 +64,7 @@ def bench(
         "engines": {
             name: _summaries(times) for name, times in b.engines(opened.trunk, threads).items()
         },
-        "trackers": _summaries(b.trackers(b.contenders(opened, threads, others), recording)),
+        "trackers": _summaries(b.trackers(contenders, recording)),
     }
     _print(found)
     if out:

@@ -14,7 +14,7 @@ app = new_app()
 @app.command(cls=ManyValues)
 def report(
     runs: Annotated[
-        list[Path], typer.Argument(metavar="DIR...", help="Folders that entrack evaluate wrote.")
+        list[Path], typer.Argument(metavar="DIR", help="Folders that entrack evaluate wrote.")
     ],
     out: Annotated[
         Path | None,

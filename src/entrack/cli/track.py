@@ -65,8 +65,8 @@ def track(
     with opened:
         given = [_inside(number, b, opened.size) for number, b in enumerate(wanted, 1)]
         _spare(source, boxes, video)
-        tracker = entrack.load(model, threads=threads)
         with checking_call():
+            tracker = entrack.load(model, threads=threads)
             recorder = Recorder(boxes, video, len(given), opened.fps)
         summary = Summary(opened.name, recorder.paths)
         try:

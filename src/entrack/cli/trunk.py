@@ -155,7 +155,8 @@ def info(
     """  # noqa: D301
     from entrack.trunks.info import inspect
 
-    found = inspect(model, threads)
+    with checking_call():
+        found = inspect(model, threads)
     if as_json:
         typer.echo(json.dumps(asdict(found), indent=1))
         return
