@@ -64,6 +64,33 @@ def test_every_plot_is_drawn(page, report):
     assert len(ids) == len(set(ids))
 
 
+def test_numbers_on_axes_are_written_as_people_write_them(page):
+    words = page.eval_on_selector_all(
+        "figure.plot", "all => all.map(f => [f.id, f.querySelector('svg').textContent])"
+    )
+    assert not [name for name, text in words if "$" in text or "mathdefault" in text]
+
+
+@pytest.mark.parametrize(
+    ("speeds", "expected"), [([22, 58], ["20", "50"]), ([16, 994], ["20", "100", "500"])]
+)
+def test_a_few_speeds_stand_at_the_axis(speeds, expected):
+    import matplotlib
+
+    from entrack.report.plane import Point, plane
+    from entrack.report.plots import RC
+
+    points = [Point(f"tracker {x}", x, 0.5) for x in speeds]
+    with matplotlib.rc_context(RC):
+        figure = plane(points, "Speed", ("frames a second", "AUC"), log_x=True)
+        axis = figure.axes[0].xaxis
+        low, high = axis.get_view_interval()
+        ticks = [*axis.get_major_ticks(), *axis.get_minor_ticks()]
+        shown = [t.label1.get_text() for t in ticks if low <= t.get_loc() <= high]
+    assert set(expected) <= set(shown) and len([s for s in shown if s]) <= 8
+    assert not [s for s in shown if s and not s.isdecimal()]
+
+
 def test_every_link_leads_somewhere(page):
     links = page.eval_on_selector_all(
         "a", "all => all.map(a => [a.getAttribute('href'), a.download])"

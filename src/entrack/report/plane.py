@@ -7,6 +7,7 @@ from itertools import product
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter
 from numpy.typing import NDArray
 
 from entrack.report import plots
@@ -35,7 +36,10 @@ def plane(
     figure, axes = plots.figure_with_axes(title, labels)
     if log_x:
         axes.set_xscale("log")
+        # Whatever the range: 1, 2, 5, 10, … as plain numbers.
+        axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
         axes.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
+        axes.xaxis.set_minor_formatter(NullFormatter())
     axes.margins(0.14)
     axes.plot([p.x for p in points], [p.y for p in points], linestyle="none")  # sets the limits
     if invert_x:
