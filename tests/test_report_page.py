@@ -127,6 +127,17 @@ def test_a_phone_scrolls_tables_not_the_page(page):
     assert wide.evaluate("box => box.scrollWidth > box.clientWidth")
 
 
+def test_paper_holds_every_table_and_picture(page):
+    page.set_viewport_size({"width": 718, "height": 1000})  # A4 with margins of a centimetre
+    page.emulate_media(media="print", color_scheme="dark")
+    assert page.evaluate("document.documentElement.scrollWidth") == 718
+    assert page.evaluate(
+        "[...document.querySelectorAll('.scroll')].every(b => b.scrollHeight <= b.clientHeight + 1)"
+    ), "nothing is hidden behind a scroll bar"
+    paper = page.evaluate("getComputedStyle(document.body).backgroundColor")
+    assert paper == "rgb(255, 255, 255)", "dark mode is for screens"
+
+
 def test_dark_mode_turns_paper_and_ink(page):
     colours = []
     for scheme in ("light", "dark"):
