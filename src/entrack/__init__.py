@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from entrack.errors import EntrackError
 from entrack.model import load_model
+from entrack.policy import load_policy
 from entrack.tracker import Estimate, Tracker
 from entrack.trunk import load_trunk
 
@@ -35,7 +36,11 @@ def load(
         Threads of the engine; None lets it choose.
     """
     opened = load_model(model)
-    return Tracker(opened.config, load_trunk(opened.trunk, engine, threads))
+    trunk = load_trunk(opened.trunk, engine, threads)
+    policy = None
+    if opened.policy and opened.config.policy:
+        policy = load_policy(opened.policy, opened.config.policy)
+    return Tracker(opened.config, trunk, policy)
 
 
 def __getattr__(name: str) -> Any:

@@ -65,15 +65,34 @@ class UpdateConfig:
 
 @dataclass(frozen=True, config=_STRICT)
 class ScoreConfig:
-    """Score = logistic(bias + peak · peak height + psr · log peak-to-sidelobe ratio)."""
+    """Score = logistic(bias + Σ weight · evidence)."""
 
     bias: float = -6.0
     peak: float = 6.0
+    """Weight of the response's height at its peak."""
     psr: float = 2.0
+    """Weight of the logarithm of its peak-to-sidelobe ratio."""
+    sigma: float = 0.0
+    """Weight of the mean logarithm of the policy's σ, in units of the box's size."""
     lost_below: float = Field(default=0.2, ge=0, le=1)
     """The target counts as lost when the score falls below this …"""
     found_above: float = Field(default=0.4, ge=0, le=1)
     """… and as found again only when it rises above this."""
+
+
+@dataclass(frozen=True, config=_STRICT)
+class PolicyConfig:
+    """The learned policy (§3.2.2, §3.2.5): what it sees, and how far it may move the box."""
+
+    f1: Literal["linear", "conditioned"] = "conditioned"
+    """`linear`: a 1×1 convolution, as in the paper; `conditioned`: a network that compares Z with
+    the target in the first frame (row 9)."""
+    reach: float = Field(default=1.5, gt=0, le=4)
+    """Furthest that an action moves a side of the box, in units of the box's own size."""
+    act: Literal["mean", "sample"] = "mean"
+    """What is taken of the policy at test time (row 13)."""
+    seed: int = Field(default=0, ge=0)
+    """Of the samples."""
 
 
 @dataclass(frozen=True, config=_STRICT)
@@ -96,6 +115,8 @@ class Config:
     update: UpdateConfig = Field(default_factory=UpdateConfig)
     score: ScoreConfig = Field(default_factory=ScoreConfig)
     limits: LimitsConfig = Field(default_factory=LimitsConfig)
+    policy: PolicyConfig | None = None
+    """None leaves the box to the response's peak and the scale search: the filter alone."""
 
 
 def parse(kind: type[T], values: dict[str, Any], source: str) -> T:

@@ -55,6 +55,8 @@ class Model:
     name: str
     config: Config
     trunk: Path
+    policy: Path | None
+    """Weights of the policy; None where the filter alone decides."""
     checksum: str
     """SHA-256 of `model.toml`, which names the checksums of everything else."""
 
@@ -86,18 +88,31 @@ def load_model(name: str | Path) -> Model:
             raise EntrackError(f"model {name} is incomplete: {file} is missing")
         if sha256(file) != entry.sha256:
             raise EntrackError(f"{file} was altered: its SHA-256 is not the one in {path.name}")
-    trunk = folder / content.files["trunk"].path
-    return Model(folder, content.name, content.config, trunk, sha256(path))
+    if (content.config.policy is None) != ("policy" not in content.files):
+        raise EntrackError(f"{path} needs both [config.policy] and [files.policy], or neither")
+    at = {kind: folder / entry.path for kind, entry in content.files.items()}
+    checksum = sha256(path)
+    return Model(folder, content.name, content.config, at["trunk"], at.get("policy"), checksum)
 
 
-def save_model(folder: Path, name: str, description: str, config: Config, trunk: Path) -> None:
-    """Write `model.toml` for a trunk that lies in `folder` or may be reached from there."""
-    relative = os.path.relpath(trunk, folder)
+def save_model(
+    folder: Path,
+    name: str,
+    description: str,
+    config: Config,
+    trunk: Path,
+    policy: Path | None = None,
+) -> None:
+    """Write `model.toml` for files that lie in `folder` or may be reached from there."""
+    files = {"trunk": trunk} | ({"policy": policy} if policy else {})
     content = {
         "name": name,
         "description": description,
-        "files": {"trunk": {"path": relative, "sha256": sha256(trunk)}},
-        "config": asdict(config),
+        "files": {
+            kind: {"path": os.path.relpath(file, folder), "sha256": sha256(file)}
+            for kind, file in files.items()
+        },
+        "config": {k: v for k, v in asdict(config).items() if v is not None},
     }
     folder.mkdir(parents=True, exist_ok=True)
     temporary = folder / "model.toml.part"

@@ -2,8 +2,8 @@
 
 import time
 from collections.abc import Iterable
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,6 +14,8 @@ from entrack import window as windows
 from entrack.box import Boxes
 from entrack.config import Config
 from entrack.errors import EntrackError
+from entrack.policy import Policy
+from entrack.state import State, held
 from entrack.trunk import Trunk
 
 
@@ -44,7 +46,7 @@ class Look:
     patch: windows.Image
     """The search window's content (S, S, 3) uint8 BGR."""
     features: cf.Features
-    """Z, tapered: (C, n, n) float32."""
+    """Z: (C, n, n) float32."""
     response: cf.Features
     """M: (n, n) float32, its peak at [n // 2, n // 2] for a target that has not moved (eq. 3)."""
 
@@ -57,10 +59,25 @@ class _Target:
     first: Boxes
     template: cf.Features
     weights: cf.Spectrum
+    known: object = None
+    """What the policy's f1 remembers of the first frame."""
+    looks: list[Look] = field(default_factory=list[Look])
+    """What was seen in the last frame, at every size that was looked at."""
+    state: State | None = None
     look: Look | None = None
     lost: bool = False
     unlearned: windows.Image | None = None
     """The last frame at the new box, of which X' of eq. 14 is made together with the next Z."""
+
+
+class _Answer(NamedTuple):
+    """A decision about one target in one frame."""
+
+    box: Boxes
+    evidence: dict[str, float]
+    """What the score is computed from; see `ScoreConfig`."""
+    sigma: NDArray[np.float64] | None = None
+    entropy: float | None = None
 
 
 class Tracker:
@@ -71,9 +88,10 @@ class Tracker:
     >>> tracker.update(next_frame).box                         # doctest: +SKIP
     """
 
-    def __init__(self, config: Config, trunk: Trunk) -> None:
+    def __init__(self, config: Config, trunk: Trunk, policy: Policy | None = None) -> None:
         self.config = config
         self.trunk = trunk
+        self.policy = policy
         self._targets: list[_Target] = []
         self._size = (0, 0)
         cells = config.window.size // 16
@@ -83,6 +101,7 @@ class Tracker:
         half = config.scale.steps // 2
         self._steps = np.arange(-half, half + 1)
         self._zooms: list[float] = (config.scale.factor ** self._steps.astype(np.float64)).tolist()
+        self._rng = np.random.default_rng(config.policy.seed if config.policy else 0)
 
     def init(self, image: Any, box: ArrayLike) -> None:
         """Start on `box` `(x, y, w, h)` in the first frame; whatever was tracked is forgotten.
@@ -108,11 +127,18 @@ class Tracker:
         if not started:
             raise EntrackError("there is no box to track")
         self._size = (frame.shape[1], frame.shape[0])
-        templates = self._features([self._patch(frame, box) for box in started])
+        windows_ = [windows.around(box, self.config.window) for box in started]
+        features = self._features(
+            [windows.crop(frame, w, self.config.window.border) for w in windows_]
+        )
         self._targets = [
-            _Target(box, box, template, self._fit(template))
-            for box, template in zip(started, templates, strict=True)
+            _Target(box, box, x * self._taper, self._fit(x * self._taper))
+            for box, x in zip(started, features, strict=True)
         ]
+        if self.policy:
+            for target, window, x in zip(self._targets, windows_, features, strict=True):
+                roi = window.to_patch(target.box) / window.size
+                target.known = self.policy.f1.remember(x, roi.astype(np.float32))
 
     def update(self, image: Any) -> Estimate:
         """Find the target of `init` in the next frame."""
@@ -125,29 +151,15 @@ class Tracker:
         if not self._targets:
             raise EntrackError("update before init: the tracker does not know its target yet")
         started = time.perf_counter()
-        frame = windows.as_bgr(image)
-        self._follow_size(frame)
+        self.observe(image)
         searches = [windows.around(t.box, self.config.window).box for t in self._targets]
-        looks = [self._patch(frame, t.box, zoom) for t in self._targets for zoom in self._zooms]
-        due = [t for t in self._targets if t.unlearned is not None]
-        seen = [t.unlearned for t in due if t.unlearned is not None]
-        features = self._features(seen + looks)
-        for target, x in zip(due, features[: len(due)], strict=True):
-            self._learn(target, x)
-        candidates = features[len(due) :].reshape(
-            len(self._targets), len(self._zooms), *features.shape[1:]
-        )
-        patches = [looks[k : k + len(self._zooms)] for k in range(0, len(looks), len(self._zooms))]
-        scores = [
-            self._move(t, p, z) for t, p, z in zip(self._targets, patches, candidates, strict=True)
-        ]
-        for target, score in zip(self._targets, scores, strict=True):
-            learn = self.config.update.rate > 0 and score >= self.config.update.min_score
-            target.unlearned = self._patch(frame, target.box) if learn else None
+        follow = self._follow_policy if self.policy else self._follow_peak
+        answers = [follow(target) for target in self._targets]
+        scores = [self._move(t, a) for t, a in zip(self._targets, answers, strict=True)]
         ms = 1e3 * (time.perf_counter() - started)
         return [
-            Estimate(t.box.copy(), score, t.lost, None, None, search, ms)
-            for t, score, search in zip(self._targets, scores, searches, strict=True)
+            Estimate(t.box.copy(), score, t.lost, a.sigma, a.entropy, search, ms)
+            for t, a, score, search in zip(self._targets, answers, scores, searches, strict=True)
         ]
 
     @property
@@ -155,32 +167,102 @@ class Tracker:
         """What was seen of each target in the last frame; None before the first `update`."""
         return [target.look for target in self._targets]
 
-    def _move(
-        self, target: _Target, patches: list[windows.Image], candidates: cf.Features
-    ) -> float:
-        """Move and resize the box to where the response is highest; return the score."""
+    def observe(self, image: Any) -> list[State | None]:
+        """Look around every target's last box: Z and M (eq. 3), and s (eq. 6) where a policy is.
+
+        `update` is this and an action; the environment of `entrack.learn` acts by itself.
+        """
+        frame = self._frame = windows.as_bgr(image)
+        self._follow_size(frame)
+        patches = [self._patch(frame, t.box, zoom) for t in self._targets for zoom in self._zooms]
+        due = [t for t in self._targets if t.unlearned is not None]
+        seen = [t.unlearned for t in due if t.unlearned is not None]
+        features = self._features(seen + patches)
+        for target, x in zip(due, features[: len(due)], strict=True):
+            self._learn(target, x * self._taper)
+        looks = list(zip(patches, features[len(due) :], strict=True))
+        for k, target in enumerate(self._targets):
+            of_target = looks[k * len(self._zooms) : (k + 1) * len(self._zooms)]
+            spectra = cf.spectrum(np.stack([z for _, z in of_target]) * self._taper)
+            responses = cf.respond(target.weights, spectra)
+            target.looks = [Look(p, z, m) for (p, z), m in zip(of_target, responses, strict=True)]
+            target.look = target.looks[len(self._zooms) // 2]
+            target.state = self._state(target)
+        return [target.state for target in self._targets]
+
+    @property
+    def boxes(self) -> list[Boxes]:
+        """The last box (4,) of each target."""
+        return [target.box.copy() for target in self._targets]
+
+    def teach(self, image: Any, truth: ArrayLike) -> None:
+        """Replace the only target's template by X_t = g(G_t, I_t), as training may (§3.2.5)."""
+        [target] = self._targets
+        frame = windows.as_bgr(image)
+        [x] = self._features([self._patch(frame, np.asarray(truth, np.float64))])
+        target.template, target.unlearned = x * self._taper, None
+        target.weights = self._fit(target.template)
+
+    def _state(self, target: _Target) -> State | None:
+        if self.policy is None or target.look is None:
+            return None
+        window = windows.around(target.box, self.config.window)
+        last = held(target.box, target.first, window.box)
+        return self.policy.state(target.look.features, target.look.response, last, target.known)
+
+    def _follow_peak(self, target: _Target) -> _Answer:
+        """Move and resize the box to where the response is highest: the filter alone."""
         config = self.config
-        responses = cf.respond(target.weights, cf.spectrum(candidates))
         penalties = config.scale.penalty ** np.abs(self._steps)
-        best = int((responses.max(axis=(-2, -1)) * penalties).argmax())
-        peak = cf.peak(responses[best])
-        target.look = Look(patches[best], candidates[best], responses[best])
+        heights = np.array([look.response.max() for look in target.looks])
+        best = int((heights * penalties).argmax())
+        target.look = target.looks[best]
+        peak = cf.peak(target.look.response)
         window = windows.around(target.box, config.window, self._zooms[best])
-        cell = window.box[2:] / responses.shape[-1]
+        cell = window.box[2:] / target.look.response.shape[-1]
         centre = boxes_.centre(target.box) + np.array([peak.dx, peak.dy]) * cell
         size = target.box[2:] * (1 + config.scale.rate * (self._zooms[best] - 1))
-        limits = config.limits
-        size = np.clip(size, limits.smallest * target.first[2:], limits.largest * target.first[2:])
-        target.box = boxes_.from_centre(np.clip(centre, 0, self._size), size)
-        score = self._score(peak)
-        found = config.score.found_above if target.lost else config.score.lost_below
-        target.lost = score < found
-        return score
+        return _Answer(boxes_.from_centre(centre, size), _evidence(peak))
 
-    def _score(self, peak: cf.Peak) -> float:
-        c = self.config.score
-        evidence = c.bias + c.peak * peak.height + c.psr * np.log(max(peak.psr, 1e-3))
-        return float(1 / (1 + np.exp(-evidence)))
+    def _follow_policy(self, target: _Target) -> _Answer:
+        """Take one action a_t ~ π(· | s_t) and add it to the box (eq. 7)."""
+        assert self.policy is not None and target.look is not None and target.state is not None
+        gaussian = self.policy(target.state)
+        sampled = self.config.policy is not None and self.config.policy.act == "sample"
+        action = gaussian.action(self._rng if sampled else None)
+        sides = np.tile(target.box[2:], 2)
+        evidence = _evidence(cf.peak(target.look.response))
+        evidence["sigma"] = float(np.log(gaussian.sigma).mean())
+        return _Answer(
+            moved(target.box, action), evidence, gaussian.sigma * sides, gaussian.entropy
+        )
+
+    def move(self, actions: ArrayLike) -> list[Boxes]:
+        """Add one action (4,) a target to the boxes (eq. 7) and learn the new appearance."""
+        given = np.asarray(actions, np.float64).reshape(-1, 4)
+        for target, action in zip(self._targets, given, strict=True):
+            assert target.look is not None
+            self._move(
+                target,
+                _Answer(moved(target.box, action), _evidence(cf.peak(target.look.response))),
+            )
+        return self.boxes
+
+    def _move(self, target: _Target, answer: _Answer) -> float:
+        """Put the box where the answer says, within limits; return the score."""
+        limits, config = self.config.limits, self.config.score
+        first = target.first[2:]
+        size = np.clip(answer.box[2:], limits.smallest * first, limits.largest * first)
+        centre = np.clip(boxes_.centre(answer.box), 0, self._size)
+        target.box = boxes_.from_centre(centre, size)
+        evidence = config.bias + sum(
+            getattr(config, name) * value for name, value in answer.evidence.items()
+        )
+        score = float(1 / (1 + np.exp(-evidence)))
+        target.lost = score < (config.found_above if target.lost else config.lost_below)
+        learn = self.config.update.rate > 0 and score >= self.config.update.min_score
+        target.unlearned = self._patch(self._frame, target.box) if learn else None
+        return score
 
     def _learn(self, target: _Target, seen: cf.Features) -> None:
         """Eq. 14. No frame needs Ŵ before the next one's response, so X' shares its trunk batch."""
@@ -196,8 +278,8 @@ class Tracker:
         return windows.crop(frame, windows.around(box, config, zoom), config.border)
 
     def _features(self, patches: list[windows.Image]) -> cf.Features:
-        """Z = g(d, I) of each patch, tapered; (N, C, n, n)."""
-        return self.trunk(np.stack(patches)) * self._taper
+        """Z = g(d, I) of each patch (N, C, n, n)."""
+        return self.trunk(np.stack(patches))
 
     def _follow_size(self, frame: windows.Image) -> None:
         """A stream may change its resolution midway: the same scene, so boxes scale with it."""
@@ -207,6 +289,22 @@ class Tracker:
             for target in self._targets:
                 target.box, target.first = target.box * ratio, target.first * ratio
             self._size = size
+
+
+def moved(box: ArrayLike, action: ArrayLike) -> Boxes:
+    """d_t = d_{t−1} + a_t (eq. 7): `action` (4,) moves the left, top, right and bottom side.
+
+    It is in units of the box's own width and height.
+
+    >>> moved([100, 100, 40, 80], [0.1, 0.1, 0.1, 0.2])
+    array([104., 108.,  40.,  88.])
+    """
+    b = np.asarray(box, np.float64)
+    return boxes_.from_corners(boxes_.to_corners(b) + np.asarray(action) * np.tile(b[2:], 2))
+
+
+def _evidence(peak: cf.Peak) -> dict[str, float]:
+    return {"peak": peak.height, "psr": float(np.log(max(peak.psr, 1e-3)))}
 
 
 def inside(box: Any, frame: windows.Image) -> Boxes:

@@ -54,3 +54,28 @@ def progress(label: str, total: float | None) -> Generator[Callable[[], None], N
     with bar.Progress(*columns, console=Console(stderr=True)) as shown:
         task = shown.add_task(label, total=total)
         yield lambda: shown.advance(task)
+
+
+@contextmanager
+def stages() -> Generator[Callable[[str, int, int, dict[str, float]], None], None, None]:
+    """A bar on stderr for each stage of training, with its losses and the time left."""
+    from rich import progress as bar
+    from rich.console import Console
+
+    columns = (
+        bar.TextColumn("{task.description}"),
+        bar.BarColumn(),
+        bar.MofNCompleteColumn(),
+        bar.TimeRemainingColumn(elapsed_when_finished=True),
+        bar.TextColumn("{task.fields[values]}"),
+    )
+    with bar.Progress(*columns, console=Console(stderr=True)) as shown:
+        tasks: dict[str, bar.TaskID] = {}
+
+        def report(stage: str, step: int, steps: int, values: dict[str, float]) -> None:
+            if stage not in tasks:
+                tasks[stage] = shown.add_task(stage, total=steps, values="")
+            text = "  ".join(f"{name} {value:.4g}" for name, value in values.items())
+            shown.update(tasks[stage], completed=step, values=text)
+
+        yield report

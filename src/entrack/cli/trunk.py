@@ -1,15 +1,13 @@
 """`entrack trunk train | import | quantise | info`."""
 
 import json
-from collections.abc import Callable, Generator
-from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from entrack.cli.console import checking_call, new_app
+from entrack.cli.console import checking_call, new_app, stages
 from entrack.errors import require
 from entrack.files import writing
 
@@ -75,7 +73,7 @@ def train(
         settings = read(TrunkTrainConfig, path)
         material = gather(settings.material, data, stills, unlabelled, cutouts, _tell)
     try:
-        with writing(out), _stages() as report:
+        with writing(out), stages() as report:
             trunk = train_trunk(settings, material, teacher, out, resume, report)
     except KeyboardInterrupt:
         _tell(f"stopped: the same call with --resume goes on from the last checkpoint in {out}")
@@ -182,28 +180,3 @@ def info(
 
 def _tell(what: str) -> None:
     typer.echo(what, err=True)
-
-
-@contextmanager
-def _stages() -> Generator[Callable[[str, int, int, dict[str, float]], None], None, None]:
-    """A bar on stderr for each stage of training, with its losses and the time left."""
-    from rich import progress as bar
-    from rich.console import Console
-
-    columns = (
-        bar.TextColumn("{task.description}"),
-        bar.BarColumn(),
-        bar.MofNCompleteColumn(),
-        bar.TimeRemainingColumn(elapsed_when_finished=True),
-        bar.TextColumn("{task.fields[values]}"),
-    )
-    with bar.Progress(*columns, console=Console(stderr=True)) as shown:
-        tasks: dict[str, bar.TaskID] = {}
-
-        def report(stage: str, step: int, steps: int, values: dict[str, float]) -> None:
-            if stage not in tasks:
-                tasks[stage] = shown.add_task(stage, total=steps, values="")
-            text = "  ".join(f"{name} {value:.4g}" for name, value in values.items())
-            shown.update(tasks[stage], completed=step, values=text)
-
-        yield report

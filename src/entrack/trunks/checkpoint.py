@@ -13,21 +13,27 @@ from torch import Tensor, nn
 
 from entrack.errors import EntrackError
 
+Optimisers = torch.optim.Optimizer | Mapping[str, torch.optim.Optimizer]
 
-def save(path: Path, network: nn.Module, optimiser: torch.optim.Optimizer, step: int) -> None:
-    """Write weights, optimiser state and the step count, atomically."""
+
+def save(path: Path, network: nn.Module, optimisers: Optimisers, step: int) -> None:
+    """Write weights, the state of one or several optimisers, and the step count, atomically."""
     tensors = {f"network.{k}": v.contiguous() for k, v in network.state_dict().items()}
-    for index, slots in optimiser.state_dict()["state"].items():
-        tensors |= {f"optimiser.{index}.{k}": v.contiguous() for k, v in slots.items()}
+    for name, optimiser in _named(optimisers).items():
+        for index, slots in optimiser.state_dict()["state"].items():
+            tensors |= {f"{name}.{index}.{k}": v.contiguous() for k, v in slots.items()}
     tensors["step"] = torch.tensor(step)
+    # No two tensors may share memory in the file.
+    tensors = {name: tensor.clone() for name, tensor in tensors.items()}
     temporary = path.with_suffix(".tmp")
     save_file(tensors, temporary)
     os.replace(temporary, path)
 
 
-def load(path: Path, network: nn.Module, optimiser: torch.optim.Optimizer) -> int:
+def load(path: Path, network: nn.Module, optimisers: Optimisers) -> int:
     """Restore what `save` wrote; return the step count."""
-    slots: dict[int, dict[str, Tensor]] = {}
+    named = _named(optimisers)
+    slots: dict[str, dict[int, dict[str, Tensor]]] = {name: {} for name in named}
     weights: dict[str, Tensor] = {}
     tensors: dict[str, Tensor] = load_file(path)
     step = int(tensors.pop("step"))
@@ -37,10 +43,16 @@ def load(path: Path, network: nn.Module, optimiser: torch.optim.Optimizer) -> in
             weights[name] = tensor
         else:
             index, _, slot = name.partition(".")
-            slots.setdefault(int(index), {})[slot] = tensor
+            slots[kind].setdefault(int(index), {})[slot] = tensor
     network.load_state_dict(weights)
-    optimiser.load_state_dict({**optimiser.state_dict(), "state": slots})
+    for name, optimiser in named.items():
+        optimiser.load_state_dict({**optimiser.state_dict(), "state": slots[name]})
     return step
+
+
+def _named(optimisers: Optimisers) -> Mapping[str, torch.optim.Optimizer]:
+    one = isinstance(optimisers, torch.optim.Optimizer)
+    return {"optimiser": optimisers} if one else optimisers
 
 
 class Log:

@@ -28,6 +28,8 @@ class PairConfig:
     """Largest offset, in target sizes."""
     zoom: float = 0.12
     """Standard deviation of the logarithm of the window's scale against the target's."""
+    aspect: float = 0.0
+    """Standard deviation of the logarithm of its aspect ratio against the target's."""
     frames: int = 60
     """Most frames between the two views of a clip."""
     rotation: float = 15.0
@@ -48,29 +50,53 @@ class Pair:
     """(dx, dy) of the target from the centre of the search patch, in shares of its side."""
     zoom: float
     """Size of the search window against the one that fits the target: 1 is right."""
+    box: Boxes
+    """The target (4,) in the search patch, in shares of its side."""
+    held: Boxes
+    """The box that the search window was laid around (4,): width and height, likewise, and the
+    logarithms of both in units of the target in the template."""
+    roi: Boxes
+    """The target (4,) in the template patch, likewise."""
 
 
 def _displaced(box: Boxes, config: PairConfig, rng: np.random.Generator) -> tuple[Boxes, float]:
     """A box of wrong place and size, as a tracker holds before it looks; and its zoom."""
-    size = np.sqrt(box[2] * box[3])
-    shift = np.clip(rng.normal(0, config.shift, 2), -config.furthest, config.furthest) * size
+    side = np.sqrt(box[2] * box[3])
+    shift = np.clip(rng.normal(0, config.shift, 2), -config.furthest, config.furthest) * side
     zoom = float(np.exp(rng.normal(0, config.zoom)))
-    return from_centre(centre(box) + shift, box[2:] * zoom), zoom
+    size = box[2:] * zoom
+    if config.aspect:
+        stretch = np.exp(rng.normal(0, config.aspect / 2))
+        size = size * [stretch, 1 / stretch]
+    return from_centre(centre(box) + shift, size), zoom
 
 
 def _pair(
-    template: Image, frame: Image, box: Boxes, config: PairConfig, rng: np.random.Generator
+    template: Image,
+    shape: Boxes,
+    frame: Image,
+    box: Boxes,
+    config: PairConfig,
+    rng: np.random.Generator,
 ) -> Pair:
-    """Look for the target, which is at `box` of `frame`, from a displaced window."""
+    """Look for the target, which is at `box` of `frame`, from a displaced window.
+
+    `shape` is the target's size (2,) where the template was cut out.
+    """
     looked, zoom = _displaced(box, config, rng)
     window = around(looked, WindowConfig())
     offset = (centre(box) - centre(window.box)) / window.box[2:]
     search = photometric(crop(frame, window), rng)
+    seen = window.to_patch(box) / window.size
     if rng.random() < 0.5:
         template, search, offset = template[:, ::-1], search[:, ::-1], offset * [-1, 1]
+        seen[0] = 1 - seen[0] - seen[2]
     if rng.random() < 0.1:
         template, search = grey(template), grey(search)
-    return Pair(photometric(template, rng), search, (float(offset[0]), float(offset[1])), zoom)
+    held = np.concatenate([looked[2:] / window.box[2:], np.log(looked[2:] / shape)])
+    roi = from_centre([0.5, 0.5], shape / around(from_centre([0, 0], shape), WindowConfig()).w)
+    place = (float(offset[0]), float(offset[1]))
+    return Pair(photometric(template, rng), search, place, zoom, seen, held, roi)
 
 
 def from_sequence(sequence: Sequence, config: PairConfig, rng: np.random.Generator) -> Pair | None:
@@ -88,7 +114,7 @@ def from_sequence(sequence: Sequence, config: PairConfig, rng: np.random.Generat
     if area(clip(boxes[0], image.shape[1], image.shape[0])) < 0.6 * area(boxes[0]):
         return None
     template = crop(image, around(boxes[0], WindowConfig()))
-    return _pair(template, sequence.frames[second], boxes[1], config, rng)
+    return _pair(template, boxes[0, 2:], sequence.frames[second], boxes[1], config, rng)
 
 
 def from_still(
@@ -106,7 +132,7 @@ def from_still(
         frame = _transplant(frame, moved, others[int(rng.integers(len(others)))])
     if rng.random() < config.occlude:
         frame = _occlude(frame, moved, others[int(rng.integers(len(others)))], rng)
-    return _pair(template, frame, moved, config, rng)
+    return _pair(template, size, frame, moved, config, rng)
 
 
 def _turn(

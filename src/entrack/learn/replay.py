@@ -1,0 +1,111 @@
+"""The replay buffer B: transitions (s, a, r, s', p) in a ring of arrays (§3.2.5)."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from entrack.learn.networks import States, as_states
+
+
+class Episode(NamedTuple):
+    """One clip tracked: T actions, and the T + 1 states around them."""
+
+    z: NDArray[np.float16]
+    """(T + 1, C, n, n)."""
+    m: NDArray[np.float32]
+    """(T + 1, k)."""
+    held: NDArray[np.float32]
+    """(T + 1, 4)."""
+    action: NDArray[np.float32]
+    """(T, 4) in units of the box."""
+    best: NDArray[np.float32]
+    """(T, 4): the action that would have hit the true box; NaN where the target is absent."""
+    reward: NDArray[np.float32]
+    """(T,)."""
+    iou: NDArray[np.float32]
+    """(T,): overlap with the true box, NaN where it is absent."""
+    terminated: bool
+    """The target was lost; otherwise the clip was over, which is a truncation."""
+
+
+class Batch(NamedTuple):
+    """Transitions drawn at random."""
+
+    state: States
+    action: NDArray[np.float32]
+    best: NDArray[np.float32]
+    reward: NDArray[np.float32]
+    after: States
+    terminated: NDArray[np.float32]
+
+
+class Replay:
+    """A ring of at most `capacity` states; the oldest episodes make room for new ones.
+
+    A state and the one after it lie side by side, so each is kept once: z in float16.
+    """
+
+    def __init__(self, capacity: int) -> None:
+        self.capacity = capacity
+        self.arrays: dict[str, NDArray[np.generic]] = {}
+        self.next, self.size = 0, 0
+
+    def add(self, episode: Episode) -> None:
+        """Keep an episode, row by row; its last state is only ever the state after."""
+        steps = len(episode.action)
+        if steps == 0:
+            return
+        if steps + 1 > self.capacity:
+            raise ValueError(f"an episode of {steps} steps in a buffer of {self.capacity}")
+        end = np.zeros(steps + 1, bool)
+        end[steps - 1] = episode.terminated
+        usable = np.arange(steps + 1) < steps
+        rows = {
+            "z": episode.z, "m": episode.m, "held": episode.held,
+            "action": _padded(episode.action), "best": _padded(episode.best),
+            "reward": _padded(episode.reward), "terminated": end, "usable": usable,
+        }  # fmt: skip
+        if not self.arrays:
+            self.arrays = {
+                name: np.zeros((self.capacity, *a.shape[1:]), a.dtype) for name, a in rows.items()
+            }
+        where = (self.next + np.arange(steps + 1)) % self.capacity
+        for name, a in rows.items():
+            self.arrays[name][where] = a
+        # What lies behind may be the rest of an episode whose beginning was overwritten: its first
+        # transition is whole, so nothing else has to go.
+        self.next = int((where[-1] + 1) % self.capacity)
+        self.size = min(self.capacity, self.size + steps + 1)
+
+    def clear(self) -> None:
+        """Forget everything (algorithm, line 5)."""
+        self.next, self.size = 0, 0
+        for array in self.arrays.values():
+            array[:] = 0
+
+    def __len__(self) -> int:
+        """How many transitions may be drawn."""
+        return int(self.arrays["usable"].sum()) if self.arrays else 0
+
+    def draw(self, count: int, rng: np.random.Generator) -> Batch:
+        """Draw `count` transitions uniformly, with replacement."""
+        # By age, so that a buffer filled anew from the same episodes draws the same.
+        oldest = self.next if self.size == self.capacity else 0
+        usable = np.flatnonzero(np.roll(self.arrays["usable"], -oldest))
+        rows = (usable[rng.integers(len(usable), size=count)] + oldest) % self.capacity
+        after = (rows + 1) % self.capacity
+        a = self.arrays
+        return Batch(
+            as_states({k: a[k][rows] for k in States._fields}),
+            a["action"][rows].astype(np.float32),
+            a["best"][rows].astype(np.float32),
+            a["reward"][rows].astype(np.float32),
+            as_states({k: a[k][after] for k in States._fields}),
+            a["terminated"][rows].astype(np.float32),
+        )
+
+
+def _padded(a: NDArray[np.float32]) -> NDArray[np.float32]:
+    """One more row, for the state in which no action was taken."""
+    return np.concatenate([a, np.zeros((1, *a.shape[1:]), a.dtype)])

@@ -1,0 +1,390 @@
+"""`entrack train`: clips to disk, a bank of looks, the warm start, then rounds of SAC."""
+
+import os
+import shutil
+from collections import deque
+from collections.abc import Callable, Generator, Iterable, Iterator
+from collections.abc import Sequence as Sequence_
+from contextlib import closing
+from dataclasses import asdict, dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from entrack.config import Config, read
+from entrack.datasets import cutpaste, open_dataset
+from entrack.datasets.frames import ImageFiles
+from entrack.datasets.sequence import Sequence
+from entrack.datasets.synthetic import Props, sample, synthesise
+from entrack.errors import EntrackError
+from entrack.evaluation.pool import Event, run_units
+from entrack.files import unfinished
+from entrack.learn.bank import CHUNK, Chunk, load_bank, make_chunk, principal
+from entrack.learn.config import TrainConfig
+from entrack.learn.env import usable
+from entrack.learn.networks import (
+    Actor,
+    AttentionActor,
+    Basis,
+    ConditionedF1,
+    LinearActor,
+    weights_of,
+)
+from entrack.learn.replay import Episode, Replay
+from entrack.learn.rollout import Rollout, read_episode, roll_out
+from entrack.learn.sac import SAC
+from entrack.learn.store import keep
+from entrack.learn.warm import warm_start
+from entrack.model import Model, assets, save_model
+from entrack.trunks import checkpoint
+
+Report = Callable[[str, int, int, dict[str, float]], None]
+
+
+def preset(name: str) -> TrainConfig:
+    """A training configuration by its name, "paper" or "default", or from a TOML file."""
+    shipped = assets().parent / "presets" / f"train-{name}.toml"
+    return read(TrainConfig, shipped if shipped.is_file() else Path(name))
+
+
+@dataclass(frozen=True)
+class Source:
+    """Where the material is."""
+
+    data: tuple[str, ...]
+    """Annotated clips, each `"FORMAT:DIR"`."""
+    stills: Path | None = None
+    """Pictures of anything, for the warm start."""
+    cutouts: Path | None = None
+    """Folder with train/, masks/ and images/ to cut things out of."""
+
+
+class Training:
+    """A run folder and everything in it.
+
+    RUN/config.json             what was asked for; another configuration is refused
+    RUN/clips/                  frames as arrays
+    RUN/bank/, RUN/warm.*       looks, and the warm start
+    RUN/policies/               the policy of every round
+    RUN/episodes/               episodes that the buffer still holds
+    RUN/learner.safetensors     actor, critic and optimisers after the last round
+    RUN/sac.csv, tensorboard/   the curves
+    RUN/model/                  the model folder
+    """
+
+    def __init__(
+        self,
+        config: TrainConfig,
+        base: Model,
+        source: Source,
+        run: Path,
+        workers: int,
+        resume: bool = False,
+        report: Report = lambda stage, step, steps, values: None,
+    ) -> None:
+        if config.tracker.policy is None:
+            raise EntrackError(
+                "the configuration has no [tracker.policy]: nothing would be learned"
+            )
+        checkpoint.claim(run, asdict(config), resume)
+        torch.set_num_threads(config.threads)
+        torch.manual_seed(config.seed)
+        self.config, self.base, self.source, self.run = config, base, source, run
+        self.workers, self.report = workers, report
+        self.reach = config.tracker.policy.reach
+        self.f1: ConditionedF1 | None = None
+        self.basis: Basis | None = None
+        self.actor: Actor
+        self.failed: dict[str, str] = {}
+        """Episodes and clips that could not be used, and why."""
+        self._held: deque[tuple[Path, int]] = deque()
+
+    def __call__(self) -> Path:
+        """Train from where the run is to the end; return the model folder."""
+        (self.run / "stop").unlink(missing_ok=True)
+        self.names, self.made, self.checks = self._gather()
+        assert self.config.tracker.policy is not None
+        if self.config.tracker.policy.f1 == "conditioned":
+            self._warm()
+        else:
+            self.actor = LinearActor(self.reach, joint=self.config.joint)
+        self.learner = SAC(self.actor, self.config.sac)
+        self._learn()
+        return self._ship()
+
+    # -- material ------------------------------------------------------------------------------
+
+    def _gather(self) -> tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...]]:
+        """Put clips on disk; return names of training, synthetic and validation clips."""
+        names: list[str] = []
+        clips = list(self._sequences())
+        for step, (name, make) in enumerate(clips, 1):
+            try:
+                sequence = make()
+                if not usable(sequence):
+                    raise EntrackError("no two frames on end show the target with a box")
+                bad = keep(self.run / "clips", replace(sequence, name=name))
+                if bad:
+                    self.failed[name] = f"{bad} frames could not be read"
+                names.append(name)
+            except EntrackError as error:
+                self.failed[name] = str(error)
+            self.report("clips", step, len(clips), {})
+        aside = {name for name in names if name.rsplit("/", 1)[-1] in self._validation}
+        made = tuple(name for name in names if name.startswith("made-"))
+        train = tuple(n for n in names if n not in made and n not in aside)
+        if not train and not made:
+            why = next(iter(self.failed.values()), "there are no clips")
+            raise EntrackError(f"nothing to learn from in {', '.join(self.source.data)}: {why}")
+        return train, made, tuple(sorted(aside))
+
+    @property
+    def _validation(self) -> frozenset[str]:
+        return frozenset(self.config.data.validation)
+
+    def _sequences(self) -> Generator[tuple[str, Callable[[], Sequence]]]:
+        """Name and maker of every clip."""
+        for spec in self.source.data:
+            dataset = open_dataset(spec)
+            for name in dataset.names:
+                yield name.replace("/", "_"), lambda d=dataset, n=name: d.read(n)
+        props = Props()
+        if self.source.cutouts:
+            props = cutpaste.props(self.source.cutouts, without=self._validation)
+        elif self.source.stills:
+            pictures = ImageFiles(sorted(self.source.stills.glob("*.jpg")))
+            props = Props(pictures, pictures)
+        for k in range(self.config.data.made):
+            seed = self.config.data.made_seed + k
+            yield f"made-{seed}", partial(_made, seed, props)
+
+    # -- warm start ----------------------------------------------------------------------------
+
+    def _warm(self) -> None:
+        """Make the bank, and learn f1 and the head from it."""
+        c = self.config
+        chunks = [
+            Chunk(
+                index, self.run / "bank", self.run / "clips", self.names, self.made,
+                self.source.stills, self.base.trunk, c.tracker, c.bank, c.seed,
+            )
+            for index in range(-(-c.bank.looks // CHUNK))
+        ]  # fmt: skip
+        self._work("basis", _principal, chunks[:1])
+        self._work("bank", make_chunk, chunks)
+        with np.load(self.run / "bank" / "basis.npz") as basis:
+            self.basis = Basis(basis["mean"], basis["vectors"])
+            inputs = basis["vectors"].shape[1]
+        width = c.warm.width if c.warm else 64
+        self.f1 = ConditionedF1(inputs, width=width)
+        self.actor = AttentionActor(width, self.reach, c.tracker.window.size // 16)
+        if c.warm:
+            bank = load_bank(chunks)
+            warm_start(
+                self.f1, self.actor, bank, c.warm, self.run, c.seed,
+                lambda step, steps, values: self.report("warm start", step, steps, values),
+            )  # fmt: skip
+
+    def _work(self, stage: str, work: Callable[..., Any], units: list[Any]) -> None:
+        """Have workers do units; a failed one is an error here."""
+        done = 0
+        with closing(run_units(work, units, self.workers)) as events:
+            for event in events:
+                if event.kind == "failed":
+                    raise EntrackError(str(event.value).splitlines()[0])
+                done += event.kind == "done"
+                self.report(stage, done, len(units), {})
+
+    # -- soft actor-critic ---------------------------------------------------------------------
+
+    def _learn(self) -> None:
+        """Rounds of episodes and updates, from the last checkpoint on."""
+        c = self.config
+        (self.run / "episodes").mkdir(exist_ok=True)
+        (self.run / "policies").mkdir(exist_ok=True)
+        path = self.run / "learner.safetensors"
+        networks, optimisers = self.learner.networks, self.learner.optimisers
+        first = checkpoint.load(path, networks, optimisers) if path.exists() else 0
+        log = checkpoint.Log(self.run, "sac", first)
+        replay = Replay(c.capacity)
+        for past in range(0 if not c.fresh else first, first):
+            self._take(past, replay)
+        if not self._policy_path(first).exists():
+            self._write_policy(first)
+        last = self._checks(c.rounds)
+        units = [unit for number in range(first, c.rounds) for unit in self._round(number)] + last
+        try:
+            with closing(run_units(roll_out, units, self.workers)) as events:
+                arrived: set[int] = set()
+                for number in range(first, c.rounds):
+                    wanted = {unit.number for unit in self._round(number)}
+                    self._await(events, units, arrived, wanted)
+                    values = self._round_done(number, replay)
+                    self._write_policy(number + 1)
+                    checkpoint.save(path, networks, optimisers, number + 1)
+                    self._forget(number)
+                    log.write(number + 1, values)
+                    self.report("policy", number + 1, c.rounds, values)
+                self._await(events, units, arrived, {unit.number for unit in last})
+        except BaseException:
+            (self.run / "stop").touch()
+            raise
+
+    def _policy_path(self, number: int) -> Path:
+        return self.run / "policies" / f"{number:05d}.safetensors"
+
+    def _write_policy(self, number: int) -> None:
+        """The policy after so many rounds, for the workers."""
+        from safetensors.numpy import save_file  # pyright: ignore[reportUnknownVariableType]
+
+        path = self._policy_path(number)
+        save_file(weights_of(self.actor, self.f1, self.basis), unfinished(path))
+        os.replace(unfinished(path), path)
+
+    def _round(self, number: int) -> list[Rollout]:
+        """The episodes of a round, and every so often looks at the validation clips."""
+        c = self.config
+        base = number * 10_000
+        units: list[Rollout] = []
+        for k in range(c.episodes):
+            rng = np.random.default_rng([c.seed, 5, number, k])
+            use_made = self.made and (not self.names or rng.random() < c.data.made_share)
+            names = self.made if use_made else self.names
+            policy = max(0, number - c.lag)
+            units.append(self._unit(base + k, policy, names, (c.seed, 6, number, k)))
+        if number % c.check_every == 0:
+            units += self._checks(number)
+        return units
+
+    def _checks(self, number: int) -> list[Rollout]:
+        """Every validation clip from its middle, with the mean action."""
+        c = self.config
+        policy = max(0, number - c.lag) if number < c.rounds else number
+        episode = replace(
+            c.episode, frames=(60, 60), whole=False, stride=1, jitter=0.0, patience=1000, oracle=0.0
+        )
+        return [
+            replace(
+                self._unit(number * 10_000 + 5_000 + k, policy, (name,), (7, k)),
+                episode=episode, sample=False,
+            )
+            for k, name in enumerate(self.checks)
+        ]  # fmt: skip
+
+    def _unit(
+        self, number: int, policy: int, names: tuple[str, ...], seed: tuple[int, ...]
+    ) -> Rollout:
+        c = self.config
+        return Rollout(
+            number, self.run / "episodes" / f"{number:09d}.npz", self._policy_path(policy),
+            self.run / "stop", self.run / "clips", names, self.base.trunk, c.tracker, c.episode,
+            seed, features=isinstance(self.actor, LinearActor),
+        )  # fmt: skip
+
+    def _await(
+        self, events: Iterator[Event], units: list[Rollout], arrived: set[int], wanted: set[int]
+    ) -> None:
+        """Wait until the workers are through with some units; note what failed."""
+        while not wanted <= arrived:
+            event = next(events)
+            unit: Rollout = units[event.unit]
+            if event.kind == "failed":
+                self.failed[unit.path.stem] = str(event.value).splitlines()[0]
+            if event.kind in ("done", "failed"):
+                arrived.add(unit.number)
+
+    def _round_done(self, number: int, replay: Replay) -> dict[str, float]:
+        """Take in a round's episodes, and update."""
+        c = self.config
+        if c.fresh:
+            replay.clear()
+        played, checked = self._take(number, replay)
+        values: dict[str, float] = {"failed": float(len(self.failed))}
+        if played:
+            values |= {
+                "return": float(np.mean([e.reward.sum() for e in played])),
+                "iou": float(np.nanmean(np.concatenate([e.iou for e in played]))),
+                "lost": float(np.mean([e.terminated for e in played])),
+                "steps": float(np.mean([len(e.reward) for e in played])),
+            }
+        values["iou_validation"] = mean_iou(checked)
+        losses: list[dict[str, float]] = []
+        for step in range(c.updates if len(replay) else 0):
+            rng = np.random.default_rng([c.seed, 8, number, step])
+            batch = replay.draw(c.sac.batch, rng)
+            noise = torch.from_numpy(rng.standard_normal((c.sac.batch, 4)).astype(np.float32))
+            losses.append(self.learner.update(batch, noise, act=number >= c.critic_first))
+        if losses:
+            values |= {k: float(np.mean([loss[k] for loss in losses])) for k in losses[0]}
+        return values
+
+    def _take(self, number: int, replay: Replay) -> tuple[list[Episode], list[Episode]]:
+        """Put a round's episodes into the buffer; return them, and those of validation clips."""
+        played: list[Episode] = []
+        checked: list[Episode] = []
+        for unit in self._round(number):
+            if not unit.path.exists():
+                continue  # it failed, which is noted, or it is long forgotten
+            episode = read_episode(unit.path)
+            if unit.sample:
+                replay.add(episode)
+                played.append(episode)
+                self._held.append((unit.path, len(episode.reward) + 1))
+            else:
+                checked.append(episode)
+        return played, checked
+
+    def _forget(self, number: int) -> None:
+        """Delete the episodes that the buffer no longer holds, and policies that nobody plays."""
+        room = 0 if self.config.fresh else self.config.capacity
+        states = sum(count for _, count in self._held)
+        while self._held and states - self._held[0][1] >= room:
+            path, count = self._held.popleft()
+            path.unlink(missing_ok=True)
+            states -= count
+        for old in range(max(0, number - 3), number - 1):
+            if old % self.config.check_every:
+                self._policy_path(old).unlink(missing_ok=True)
+
+    # -- the end -------------------------------------------------------------------------------
+
+    def _ship(self) -> Path:
+        """Write the model folder."""
+        folder = self.run / "model"
+        folder.mkdir(exist_ok=True)
+        shutil.copyfile(self.base.trunk, folder / "trunk.onnx")
+        shutil.copyfile(self._policy_path(self.config.rounds), folder / "policy.safetensors")
+        text = "Filter, state and a policy learned by maximum-entropy reinforcement learning."
+        config: Config = self.config.tracker
+        save_model(
+            folder,
+            self.config.name,
+            text,
+            config,
+            folder / "trunk.onnx",
+            folder / "policy.safetensors",
+        )
+        return folder
+
+
+def _principal(chunk: Chunk, report: Any) -> None:
+    principal(chunk)
+
+
+def mean_iou(episodes: Sequence_[Episode]) -> float:
+    """Mean of the episodes' mean overlaps; NaN for none."""
+    return float(np.mean([np.nanmean(e.iou) for e in episodes])) if episodes else float("nan")
+
+
+def _made(seed: int, props: Props) -> Sequence:
+    return synthesise(sample(seed, length=80, width=360, height=270), props)
+
+
+def shortened(names: Iterable[str], most: int = 5) -> str:
+    """A list for people: the first few, and how many more."""
+    listed = list(names)
+    rest = f" and {len(listed) - most} more" if len(listed) > most else ""
+    return ", ".join(listed[:most]) + rest

@@ -1,0 +1,144 @@
+"""`entrack train` from clips to a model folder, small enough for a test."""
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import entrack
+from entrack.errors import EntrackError
+from entrack.model import load_model
+from test_tracker import scene
+
+pytest.importorskip("torch")
+pytest.importorskip("gymnasium")
+
+from entrack.cli.app import main
+from entrack.learn.store import keep, kept
+from entrack.learn.train import Source, Training, preset
+from entrack.video import VideoWriter
+
+TINY = """
+name = "tiny"
+rounds = 2
+episodes = 2
+updates = 3
+capacity = 60
+check_every = 1
+[data]
+validation = ["b"]
+[tracker.scale]
+steps = 1
+[tracker.policy]
+f1 = "linear"
+[episode]
+frames = [4, 6]
+[sac]
+batch = 8
+"""
+
+
+@pytest.fixture(scope="module")
+def clips(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two annotated videos, and one that never shows its target."""
+    folder = tmp_path_factory.mktemp("clips")
+    for name, step in ("a", 2.0), ("b", 1.0), ("nothing", 0.0):
+        boxes = [[80 + step * k, 80, 40, 40] for k in range(10)]
+        with VideoWriter(folder / f"{name}.mp4", 25) as video:
+            for k, box in enumerate(boxes):
+                video.write(scene((box[0], 80)), k / 25)
+        lines = ["nan,nan,nan,nan" if name == "nothing" else ",".join(map(str, b)) for b in boxes]
+        (folder / f"{name}.txt").write_text("\n".join(lines) + "\n")
+    return folder
+
+
+def train(config: Path, clips: Path, run: Path, resume: bool = False, report=None) -> Training:
+    settings, base = preset(str(config)), load_model("cf")
+    quiet = report or (lambda stage, step, steps, values: None)
+    training = Training(settings, base, Source((f"folder:{clips}",)), run, 1, resume, quiet)
+    training()
+    return training
+
+
+@pytest.fixture(scope="module")
+def trained(clips: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path, Training]:
+    folder = tmp_path_factory.mktemp("train")
+    config = folder / "tiny.toml"
+    config.write_text(TINY)
+    return config, folder / "run", train(config, clips, folder / "run")
+
+
+def test_a_run_leaves_a_model_that_tracks_and_a_log(trained):
+    _, run, training = trained
+    tracker = entrack.load(run / "model")
+    tracker.init(scene((100, 80)), (100, 80, 40, 40))
+    estimate = tracker.update(scene((102, 80)))
+    assert np.isfinite(estimate.box).all()
+    assert estimate.sigma is not None
+    head, *rows = (run / "sac.csv").read_text().splitlines()
+    assert len(rows) == 2
+    assert all(len(row.split(",")) == len(head.split(",")) for row in rows)
+    assert {"return", "iou", "entropy", "loss_q", "iou_validation"} <= set(head.split(","))
+    assert "no two frames" in training.failed["nothing"]
+
+
+def test_a_stopped_run_resumes_to_the_same_bits(trained, clips: Path, tmp_path: Path):
+    config, run, _ = trained
+
+    def stop(stage: str, step: int, steps: int, values: dict[str, float]) -> None:
+        if stage == "policy" and step == 1:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        train(config, clips, tmp_path / "run", report=stop)
+    assert not (tmp_path / "run" / "model").exists()
+    train(config, clips, tmp_path / "run", resume=True)
+    for name in "model/policy.safetensors", "sac.csv":
+        assert (tmp_path / "run" / name).read_bytes() == (run / name).read_bytes()
+
+
+def test_a_run_of_another_configuration_is_refused(trained, clips: Path, tmp_path: Path):
+    config, run, _ = trained
+    other = tmp_path / "other.toml"
+    other.write_text(config.read_text().replace("updates = 3", "updates = 4"))
+    with pytest.raises(EntrackError, match=r"another configuration: \['updates'\] differ"):
+        train(other, clips, run, resume=True)
+    with pytest.raises(EntrackError, match="add --resume"):
+        train(config, clips, run)
+
+
+def test_data_without_a_usable_clip_is_one_sentence(trained, clips: Path, tmp_path: Path, capsys):
+    config, *_ = trained
+    folder = tmp_path / "empty"
+    folder.mkdir()
+    for suffix in ".mp4", ".txt":
+        shutil.copy(clips / f"nothing{suffix}", folder)
+    words = ["train", "--config", str(config), "--data", f"folder:{folder}", "--out"]
+    assert main([*words, str(tmp_path / "run")]) == 1
+    said = capsys.readouterr().err
+    assert "nothing to learn from" in said and "no two frames" in said
+    assert main(["train", "--config", "no.toml", *words[3:], str(tmp_path / "x")]) == 2
+
+
+def test_frames_that_cannot_be_read_are_left_out_and_counted(tmp_path: Path):
+    import cv2
+
+    from entrack.datasets.frames import ImageFiles
+    from entrack.datasets.sequence import Sequence
+
+    paths = [tmp_path / f"{k}.png" for k in range(4)]
+    for k, path in enumerate(paths):
+        cv2.imwrite(str(path), np.full((20, 30, 3), k, np.uint8))
+    paths[2].write_bytes(b"no picture")
+    boxes = np.arange(16.0).reshape(4, 4)
+    assert keep(tmp_path / "store", Sequence("s", ImageFiles(paths), boxes)) == 1
+    assert keep(tmp_path / "store", Sequence("s", ImageFiles(paths), boxes)) == 1  # from disk
+    [sequence] = kept(tmp_path / "store", ["s"])
+    np.testing.assert_array_equal(sequence.boxes, boxes[[0, 1, 3]])
+    assert [int(sequence.frames[k][0, 0, 0]) for k in range(3)] == [0, 1, 3]
+
+
+@pytest.mark.parametrize("name", ["default", "paper"])
+def test_shipped_configurations_are_valid(name: str):
+    assert preset(name).name == name
