@@ -24,6 +24,7 @@ COMMANDS = {
     "track": "Track objects through a video, a folder of pictures or a camera.",
     "evaluate": "Run trackers on benchmarks and score them.",
     "report": "Make curves, tables and pages from scores.",
+    "calibrate": "Fit a model's score to your own footage.",
     "bench": "Measure how fast this machine tracks.",
     "data": "List, check and make datasets.",
     "trunk": "Train, import, quantise and inspect trunks.",

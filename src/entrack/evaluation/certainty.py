@@ -100,7 +100,7 @@ class Certainty:
         Raises
         ------
         EntrackError
-            For a column that is not known, or a word that is no number.
+            For a column that is not known, a row of another length, or a word that is no number.
         """
         heading, *lines = text.splitlines() or [""]
         names = heading.split(",")
@@ -113,6 +113,9 @@ class Certainty:
         for frame, row in enumerate(csv.reader(io.StringIO("\n".join(lines)))):
             # A row of one empty cell is an empty line.
             cells = row or [""] * len(names)
+            if len(cells) != len(names):
+                found = f"{len(cells)} values, expected {len(names)}"
+                raise EntrackError(f"{where}, line {frame + 2}: {found}")
             try:
                 said.table[frame, places] = [float(cell or "nan") for cell in cells]
             except ValueError as error:

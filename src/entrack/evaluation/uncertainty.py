@@ -9,6 +9,8 @@ also those of VOT-LT. The calibration error is that of C. Guo, G. Pleiss, Y. Sun
 "On calibration of modern neural networks" (2017).
 """
 
+from itertools import pairwise
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -155,10 +157,9 @@ def returns(present: ArrayLike) -> list[int]:
         if joined and start - joined[-1][1] < _GLIMPSE:
             start = joined.pop()[0]
         joined.append((start, stop))
-    following = [*(start for start, _ in joined[1:]), len(seen)]
     return [
         stop
-        for (start, stop), until in zip(joined, following, strict=True)
+        for (start, stop), (until, _) in pairwise([*joined, (len(seen), 0)])
         if start > 0 and stop - start >= _LEAST and until - stop >= WITHIN
     ]
 

@@ -4,7 +4,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from entrack.report import comparison, figures, strips, tables
-from entrack.report.figures import Plot, Styles
+from entrack.report.drawing import Styles
+from entrack.report.figures import Plot
 from entrack.report.metrics import by_sequence
 from entrack.report.runs import Section
 from entrack.report.strips import Strip

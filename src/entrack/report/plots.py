@@ -34,6 +34,8 @@ class Curve:
     style: Style
     y: Floats
     value: float | None
+    x: Floats | None = None
+    """Its own, where it has no x in common with others."""
 
 
 def curves(
@@ -42,11 +44,24 @@ def curves(
     """Lines over a common x, the legend in the order of the lines."""
     figure, axes = figure_with_axes(title, labels, legend=len(lines))
     for place, line in enumerate(lines):
-        _draw(axes, line, x, (place + 0.5) / len(lines))
+        own = x if line.x is None else line.x
+        _draw(axes, line, own, (place + 0.5) / len(lines))
     axes.set_xlim(x[0], x[-1])
     axes.set_ylim(0, top)
     _legend(figure, len(lines), max(len(line.label) for line in lines))
     return figure
+
+
+def diagonal(figure: Figure) -> None:
+    """Draw where x and y are equal."""
+    figure.axes[0].plot([0, 1], [0, 1], color=QUIET, linewidth=0.8, zorder=1)
+
+
+def dots(figure: Figure, line: Curve, share: Floats) -> None:
+    """Draw the points of a line, their areas a measure of how much is in each."""
+    assert line.x is not None
+    colour = line.style.colour
+    figure.axes[0].scatter(line.x, line.y, 400 * share, color=colour, alpha=0.35, linewidths=0)
 
 
 def shade(figure: Figure, low: float, high: float) -> None:
