@@ -103,6 +103,6 @@ def hard_sequence(name: str, config: SyntheticConfig, props: Props | None = None
     raise EntrackError(f"found no way to show {name} with the pictures given")
 
 
-_CASTINGS = 20
+_CASTINGS = 10
 _APART = 1_000_000
 """Seeds that sequences of one suite never use for one another."""
