@@ -77,17 +77,25 @@ def test_what_cannot_be_staged_with_given_things_is_cast_anew(monkeypatch):
     assert tried == [7], "without things of one's own the suite is what it is"
 
 
-def test_a_suite_is_evaluated_and_its_frames_are_found_by_the_report(tmp_path, capsys):
-    from entrack.report import strips
+def test_a_suite_is_evaluated_and_the_report_finds_its_frames(tmp_path, capsys):
+    pytest.importorskip("matplotlib", reason="needs the extra report")
+    from entrack.report import strips, timeline
     from entrack.report.runs import read_sections
     from entrack.report.style import styles
 
     out = tmp_path / "out"
-    words = ["--data", "synthetic:hard,count=1", "--tracker", "stub_trackers:Still"]
+    words = ["--data", "synthetic:hard,count=1", "--tracker", "stub_trackers:Doubting"]
     assert main(["evaluate", *words, "--out", str(out), "--protocol", "longterm", "--json"]) == 0
     (row,) = json.loads(capsys.readouterr().out)
     assert (row["dataset"], row["frames"]) == ("synthetic", 240)
     assert row["refound"] in (0, 1)
     (section,) = read_sections([out])
-    pictures, why = strips.filmstrips(section, styles([row["tracker"]]), ())
+    looks = styles([row["tracker"]])
+    pictures, why = strips.filmstrips(section, looks, ())
     assert len(pictures) == 1 and not why
+    ((name, _, _, make),) = timeline.drawings(section, looks, section.sequences)
+    assert name == "timeline-hard-000000-full_occlusion"
+    overlap, score = (axes.lines[0].get_ydata() for axes in make().axes)
+    absent = open_dataset("synthetic:hard")[0].absent
+    np.testing.assert_array_equal(np.isnan(overlap), absent)
+    assert score[1:].tolist() == pytest.approx([1 / (1 + t) for t in range(1, 240)], abs=1e-6)

@@ -14,7 +14,9 @@ def test_every_tracker_of_opencv_starts_and_answers_with_a_box(name):
     tracker = parse(f"opencv:{name}").make()
     image, box = ball(0, (200, 160))
     tracker.init(image, np.array(box, float))
-    answer = tracker.update(ball(1, (200, 160))[0]).box
+    said = tracker.update(ball(1, (200, 160))[0])
+    assert said.score is None
+    answer = said.box
     assert answer.shape == (4,)
     assert answer.dtype == np.float64
     assert np.isfinite(answer).all()

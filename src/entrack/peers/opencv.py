@@ -71,8 +71,12 @@ class OpenCVTracker:
         found, box = self._tracker.update(image)
         if found:
             self._box = np.array(box, np.float64)
+        return Answer(self._box, not found, self._score())
+
+    def _score(self) -> float | None:
         sure = getattr(self._tracker, "getTrackingScore", None)
-        return Answer(self._box, not found, None if sure is None else float(sure()))
+        score = -1.0 if sure is None else float(sure())
+        return score if score >= 0 else None  # −1 is what trackers without a score give
 
     def _create(self) -> Any:
         owner: Any = cv2

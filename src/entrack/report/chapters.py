@@ -44,7 +44,8 @@ def chapter(
     ]
     pictures, why_not = strips.filmstrips(section, styles, sequences)
     notes = [*_notes(section, baseline), *([why_not] if why_not else [])]
-    return Chapter(section, shown, figures.draw(section, styles, attributes), pictures, notes)
+    plots = figures.draw(section, styles, attributes, strips.chosen(section, sequences))
+    return Chapter(section, shown, plots, pictures, notes)
 
 
 def _notes(section: Section, baseline: str | None) -> Iterator[str]:

@@ -1,7 +1,7 @@
 """The plots of a section."""
 
 import io
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from entrack.evaluation.ope import NORM_PRECISION, PRECISION, SUCCESS, SUCCESS_101
 from entrack.evaluation.protocols import EAO_BOUNDS
 from entrack.files import write_bytes
-from entrack.report import certainty, plots
+from entrack.report import certainty, plots, timeline
 from entrack.report.drawing import Drawing, Styles, lines_of
 from entrack.report.metrics import METRICS, SUPERVISED, Metric, headline
 from entrack.report.plane import Point, plane
@@ -48,10 +48,15 @@ class Plot:
         write_bytes(folder / f"{self.name}.png", self.png)
 
 
-def draw(section: Section, styles: Styles, attributes: Table | None) -> list[Plot]:
-    """Draw every plot for which a section has numbers."""
+def draw(
+    section: Section, styles: Styles, attributes: Table | None, shown: Sequence[str]
+) -> list[Plot]:
+    """Draw every plot for which a section has numbers; `shown` are sequences to look at closely."""
     if section.protocol == "longterm":
-        drawings = [*certainty.drawings(section, styles)]
+        drawings = [
+            *certainty.drawings(section, styles),
+            *timeline.drawings(section, styles, shown),
+        ]
     else:
         drawings = [*_curves(section, styles), *_expected_overlap(section, styles)]
     if attributes is not None and len(attributes.lines) > 3:
