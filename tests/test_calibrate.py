@@ -92,6 +92,11 @@ def test_a_fit_is_better_than_a_score_that_is_none(seen):
     assert cal.fit(one).after is None
 
 
+def test_where_every_frame_overlaps_there_is_no_area():
+    assert cal.quality([0.9, 0.1], [0.8, 0.3]).roc_auc is None
+    assert cal.quality([0.9, 0.1], [0.8, 0.0]).roc_auc == 1
+
+
 def test_footage_that_teaches_nothing_is_refused(seen):
     for overlap, what in ((0.9, "every frame of 87"), (0.1, "no frame of 87")):
         flat = replace(seen, overlaps=np.full(len(seen.overlaps), overlap))

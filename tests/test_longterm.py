@@ -213,6 +213,15 @@ def test_confidences_of_vot_are_read(data, tmp_path):
         results.certainty("third", 5)
 
 
+def test_names_that_end_in_a_number_keep_their_own_scores(tmp_path):
+    for name, score in (("bag_001", "0.1"), ("bag_002", "0.2")):
+        (tmp_path / f"{name}.txt").write_text("5,10,20,20\n")
+        (tmp_path / f"{name}.score.csv").write_text(f"score\n{score}\n")
+    results = Results(tmp_path)
+    assert [results.certainty(n, 1).score[0] for n in ("bag_001", "bag_002")] == [0.1, 0.2]
+    assert not results.certainty("bag_003", 1)
+
+
 def test_the_command_prints_what_is_known(data, tmp_path, capsys):
     words = ["--data", f"folder:{data}", "--tracker", "stub_trackers:Doubting", "opencv:mosse"]
     out = ["--out", str(tmp_path / "out"), "--protocol", "longterm"]

@@ -70,10 +70,12 @@ class Sightings:
 
 @dataclass(frozen=True)
 class Quality:
-    """How good a score is: expected calibration error, and ROC AUC as a detector of IoU > 0."""
+    """How good a score is."""
 
     ece: float
-    roc_auc: float
+    """Expected calibration error, of IoU > ½."""
+    roc_auc: float | None
+    """Area under the ROC curve as a detector of IoU > 0; None where every frame has that."""
 
 
 @dataclass(frozen=True)
@@ -211,7 +213,8 @@ def quality(scores: ArrayLike, overlaps: ArrayLike) -> Quality:
     """Judge scores (N,) by overlaps (N,)."""
     held = np.asarray(overlaps, np.float64)
     error = un.calibration_error(un.calibration(scores, held > 0.5))
-    return Quality(error, un.area(*un.roc(scores, held > 0)))
+    area = un.area(*un.roc(scores, held > 0))
+    return Quality(error, area if np.isfinite(area) else None)
 
 
 def calibrate(

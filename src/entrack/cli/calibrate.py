@@ -61,7 +61,5 @@ def calibrate(
     )
     for words, quality in (("before", found.before), ("after, left-out sequences", found.after)):
         if quality is not None:
-            typer.echo(
-                f"# {words}: expected calibration error {quality.ece:.3f}, ROC AUC "
-                f"{quality.roc_auc:.3f}"
-            )
+            area = "–" if quality.roc_auc is None else f"{quality.roc_auc:.3f}"
+            typer.echo(f"# {words}: expected calibration error {quality.ece:.3f}, ROC AUC {area}")

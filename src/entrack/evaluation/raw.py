@@ -25,7 +25,7 @@ from entrack.evaluation.vot import Trajectory
 Floats = NDArray[np.float64]
 _REPETITION = re.compile(r"(.+)_(\d{3})")
 _TIMES = re.compile(r"(.+?)(?:_(\d{3}))?[._]time")
-_SAID = re.compile(r"(.+?)(?:_(\d{3}))?(?:\.score\.csv|_confidence\.value)")
+_SAID = re.compile(r"(.+)\.score\.csv|(.+?)(?:_(\d{3}))?_confidence\.value")
 
 
 _Files = dict[str, dict[int, str]]
@@ -95,7 +95,7 @@ class Results:
         for file in sorted(self._texts.names):
             path = PurePosixPath(file)
             if scored := _SAID.fullmatch(path.name):
-                said[name_key(scored[1])].setdefault(int(scored[2] or 1), file)
+                said[name_key(scored[1] or scored[2])].setdefault(int(scored[3] or 1), file)
                 continue
             if path.suffix not in (".txt", ".bin", ".value"):
                 continue

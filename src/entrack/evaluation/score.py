@@ -72,7 +72,8 @@ class Scored:
         row: Row = {"sequences": len(scores), "frames": sum(s.frames for s in scores)}
         for name, value in values.items():
             row[name] = _number(value)
-            row[f"{name}_95"] = [_number(bound) for bound in intervals[name]]
+            bounds = intervals[name] if np.isfinite(value) else (np.nan, np.nan)
+            row[f"{name}_95"] = [_number(bound) for bound in bounds]
         rates = 1 / np.concatenate([*self.times.values(), np.empty(0)])
         row["fps_mean"] = _number(rates.mean()) if len(rates) else None
         row["fps_median"] = _number(float(np.median(rates))) if len(rates) else None
