@@ -21,7 +21,7 @@ from entrack.errors import EntrackError
 
 COMMANDS = {
     "demo": "Track the embedded clip, and show what comes out.",
-    "track": "Track objects through a video, a folder of pictures or a camera.",
+    "track": "Track objects through a video, pictures or a camera.",
     "evaluate": "Run trackers on benchmarks and score them.",
     "report": "Make curves, tables and pages from scores.",
     "calibrate": "Fit a model's score to your own footage.",
