@@ -8,6 +8,10 @@ import numpy as np
 from entrack.peers import Contender
 
 OPE = {"auc": 0.6, "precision": 0.8, "norm_precision": 0.7, "op50": 0.75, "ao": 0.61}
+LONGTERM = {
+    "f_score": 0.6, "tracking_precision": 0.65, "tracking_recall": 0.56, "roc_auc": 0.8, "ece": 0.1,
+    "coverage": 0.7, "coverage_held": 0.75, "refound": 0.5, "refound_frames": 7.0,
+}  # fmt: skip
 VOT = {"accuracy": 0.55, "robustness": 0.4, "eao": 0.3}
 
 
@@ -22,7 +26,7 @@ def write_run(
     **row: object,
 ) -> Path:
     """A run's folder as `entrack evaluate` writes it; each tracker's numbers are times a factor."""
-    numbers = VOT if protocol.startswith("vot") else OPE
+    numbers = VOT if protocol.startswith("vot") else LONGTERM if protocol == "longterm" else OPE
     names = [f"video_{i}" for i in range(sequences)]
     rows = []
     for place_in_list, (tracker, factor) in enumerate(trackers.items()):
@@ -38,6 +42,21 @@ def write_run(
         rows.append(one)
         if protocol.startswith("vot"):
             curves = {"expected_overlap": [0, *np.linspace(0.6, 0.2, 399) * factor]}
+        elif protocol == "longterm":
+            falling, rising = np.linspace(1, 0, 101) * factor, np.linspace(0, 1, 101) * factor
+            bins = (np.arange(15) + 0.5) / 15
+            curves = {
+                "f_score": list(falling),
+                "tracking_precision": list(rising),
+                "tracking_recall": list(falling),
+                "pr_precision": list(falling[::10]),
+                "pr_recall": list(rising[::10]),
+                "roc": list(rising),
+                "calibration_frames": [1 / 15] * 15,
+                "calibration_score": [*bins[:-1], None],
+                "calibration_share": [*(bins * factor)[:-1], None],
+                "found_again": list(np.linspace(0, 0.5, 30) * factor),
+            }
         else:
             points = 101 if protocol == "got10k" else 21
             curves = {"success": list(np.linspace(1, 0, points) * factor)}

@@ -3,6 +3,7 @@
 import os
 import signal
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 
@@ -31,6 +32,19 @@ class Object(Still):
 
     def update(self, image):
         return self
+
+
+class Doubting(Still):
+    """Stays where it was put, and says that it is a pixel off for each frame that passes."""
+
+    def init(self, image, box):
+        super().init(image, box)
+        self.t = 0
+
+    def update(self, image):
+        self.t += 1
+        said = {"score": 1 / (1 + self.t), "lost": self.t > 3, "sigma": np.full(4, self.t)}
+        return SimpleNamespace(box=self.box, **said)
 
 
 class Crash(Still):

@@ -14,7 +14,9 @@ def test_every_tracker_of_opencv_starts_and_answers_with_a_box(name):
     tracker = parse(f"opencv:{name}").make()
     image, box = ball(0, (200, 160))
     tracker.init(image, np.array(box, float))
-    answer = tracker.update(ball(1, (200, 160))[0])
+    said = tracker.update(ball(1, (200, 160))[0])
+    assert said.score is None
+    answer = said.box
     assert answer.shape == (4,)
     assert answer.dtype == np.float64
     assert np.isfinite(answer).all()
@@ -29,7 +31,8 @@ def test_a_tracker_that_reports_failure_keeps_its_last_box():
 
     tracker.init(ball(0)[0], [10.0, 12, 24, 20])
     tracker._tracker = Fails()
-    assert tracker.update(ball(1)[0]).tolist() == [10, 12, 24, 20]
+    answer = tracker.update(ball(1)[0])
+    assert (answer.box.tolist(), answer.lost, answer.score) == ([10, 12, 24, 20], True, None)
 
 
 def test_networks_are_found_in_their_folder(tmp_path):
@@ -53,7 +56,10 @@ def test_nanotrack_follows_the_ball(shared):
     tracker.init(image, np.array(box, float))
     for t in range(1, 6):
         image, (x, y, w, h) = ball(t, (320, 240))
-        found = tracker.update(image)
+        answer = tracker.update(image)
+    found = answer.box
+    assert 0.5 < answer.score <= 1
+    assert not answer.lost
     assert abs(found[0] + found[2] / 2 - x - w / 2) < 6
     assert abs(found[1] + found[3] / 2 - y - h / 2) < 6
 

@@ -70,7 +70,7 @@ def test_intervals_hold_the_value_and_shrink_with_more_sequences():
 
 
 def test_a_protocol_that_does_not_fit_says_which_does():
-    with pytest.raises(EntrackError, match="lasot does not fit otb: otb, got10k do"):
+    with pytest.raises(EntrackError, match="lasot does not fit otb: otb, got10k, longterm do"):
         find_protocol("lasot", "otb")
     with pytest.raises(EntrackError, match="no protocol ope: expected one of otb"):
         find_protocol("ope", "otb")

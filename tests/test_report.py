@@ -205,6 +205,36 @@ def test_one_tracker_without_pictures(tmp_path, protocol):
     assert all((tmp_path / "out" / "plots" / f"{name}.png").exists() for name in names)
 
 
+def test_longterm_has_its_own_plots_and_numbers(tmp_path):
+    run = write_run(tmp_path / "run", {"a": 0.9, "b": 1.0}, protocol="longterm", dataset="folder")
+    html = write_report([run], tmp_path / "out").read_text()
+    names = {path.stem for path in (tmp_path / "out" / "plots").glob("*.svg")}
+    drawn = "reliability roc f-score tracking-precision tracking-recall precision-recall".split()
+    expected = [*drawn, "found-again", "radar", "speed"]
+    assert {f"folder-longterm-{name}" for name in expected} == names
+    rows = read_csv(tmp_path / "out" / "tables" / "folder-longterm-overall.csv")
+    assert [row["Tracker"] for row in rows] == ["b", "a"], "the greatest F first"
+    assert (float(rows[0]["ROC AUC"]), float(rows[1]["ECE"])) == (0.8, 0.09)
+    assert "B  a [0.720]" in html and "share of returns found" in html
+    reliability = (tmp_path / "out" / "plots" / "folder-longterm-reliability.svg").read_text()
+    # The less wrong comes first, whatever its F is.
+    assert reliability.index("a [0.090]") < reliability.index("b [0.100]")
+
+
+def test_a_tracker_that_says_nothing_is_left_out_of_plots_of_scores(tmp_path):
+    run = write_run(tmp_path / "run", {"a": 1.0, "mute": 0.9}, protocol="longterm")
+    path = run / "otb" / "mute" / "scores" / "longterm.json"
+    details = json.loads(path.read_text())
+    for curve in ("roc", "calibration_frames", "calibration_score", "calibration_share"):
+        del details["curves"][curve]
+    path.write_text(json.dumps(details))
+    write_report([run], tmp_path / "out")
+    plots = tmp_path / "out" / "plots"
+    assert "mute" in (plots / "otb-longterm-f-score.svg").read_text()
+    for name in ("roc", "reliability"):
+        assert "mute" not in (plots / f"otb-longterm-{name}.svg").read_text()
+
+
 def test_filmstrips_show_every_trackers_boxes(tmp_path):
     from entrack.datasets import open_dataset
     from entrack.evaluation.run import Evaluation, Options

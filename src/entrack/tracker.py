@@ -1,8 +1,8 @@
 """Online tracking, §3.2.7: look around the last box, answer, move, and learn the new appearance."""
 
 import time
-from collections.abc import Iterable
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -49,6 +49,8 @@ class Look:
     """Z: (C, n, n) float32."""
     response: cf.Features
     """M: (n, n) float32, its peak at [n // 2, n // 2] for a target that has not moved (eq. 3)."""
+    evidence: Mapping[str, float] = field(default_factory=dict[str, float])
+    """What the score was computed from, once it was; see `ScoreConfig`."""
 
 
 @dataclass
@@ -259,6 +261,8 @@ class Tracker:
             getattr(config, name) * value for name, value in answer.evidence.items()
         )
         score = float(1 / (1 + np.exp(-evidence)))
+        if target.look:
+            target.look = replace(target.look, evidence=answer.evidence)
         target.lost = score < (config.found_above if target.lost else config.lost_below)
         learn = self.config.update.rate > 0 and score >= self.config.update.min_score
         target.unlearned = self._patch(self._frame, target.box) if learn else None

@@ -21,10 +21,11 @@ from entrack.errors import EntrackError
 
 COMMANDS = {
     "demo": "Track the embedded clip, and show what comes out.",
-    "track": "Track objects through a video, a folder of pictures or a camera.",
+    "track": "Track objects through a video, pictures or a camera.",
     "train": "Train a policy by maximum-entropy reinforcement learning.",
     "evaluate": "Run trackers on benchmarks and score them.",
     "report": "Make curves, tables and pages from scores.",
+    "calibrate": "Fit a model's score to your own footage.",
     "bench": "Measure how fast this machine tracks.",
     "data": "List, check and make datasets.",
     "trunk": "Train, import, quantise and inspect trunks.",

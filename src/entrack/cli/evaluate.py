@@ -23,7 +23,7 @@ def evaluate(
         typer.Option(
             metavar="[NAME=]FORMAT:DIR...",
             help="Datasets: otb, uav123, lasot, vot2016, vot2018, vot2019, got10k, folder or "
-            "synthetic, and where they are.",
+            "synthetic, and where they are; synthetic:hard is made on the way.",
         ),
     ],
     tracker: Annotated[
@@ -39,8 +39,8 @@ def evaluate(
         list[str] | None,
         typer.Option(
             metavar="P...",
-            help="otb, uav123, lasot, got10k, vot2016, vot2018, vot2019 or vot-toolkit; by default "
-            "each dataset's own.",
+            help="otb, uav123, lasot, got10k, longterm, vot2016, vot2018, vot2019 or vot-toolkit; "
+            "by default each dataset's own.",
         ),
     ] = None,
     workers: Annotated[int, typer.Option(min=1, help="Processes.")] = 1,
@@ -66,6 +66,7 @@ def evaluate(
     entrack evaluate --data otb:OTB100 --tracker default opencv:csrt --out run --workers 2
     entrack evaluate --data otb:OTB100 lasot:LaSOT --tracker raw:results/ATOM --out run
     entrack evaluate --data vot2018:VOT2018 --tracker cf --protocol vot2018 vot-toolkit --out run
+    entrack evaluate --data synthetic:hard --tracker cf --protocol longterm --out run
 
     What is done is not done again: stop it with Ctrl-C, and call it again. A sequence on which a
     tracker fails is marked, and the others go on.
@@ -83,7 +84,10 @@ def evaluate(
         )
 
 
-_NUMBERS = ("auc", "precision", "norm_precision", "op50", "ao", "accuracy", "robustness", "eao")
+_NUMBERS = (
+    *("auc", "precision", "norm_precision", "op50", "ao", "accuracy", "robustness", "eao"),
+    *("f_score", "tracking_precision", "tracking_recall", "roc_auc", "ece", "coverage", "refound"),
+)
 
 
 def _table(rows: list[dict[str, Any]]) -> str:

@@ -17,7 +17,7 @@ FORMATS = {
     "vot2019": "entrack.datasets.vot:open_vot2019",
     "got10k": "entrack.datasets.got10k:open_got10k",
     "folder": "entrack.datasets.folder:open_folder",
-    "synthetic": "entrack.datasets.got10k:open_synthetic",
+    "synthetic": "entrack.datasets.made:open_synthetic",
 }
 
 

@@ -21,15 +21,11 @@ def open_got10k(root: Path) -> Dataset:
 
     Sequences of the test split, whose ground truth is the first box alone, are left out.
     """
-    return _open("got10k", root)
+    return open_layout("got10k", root)
 
 
-def open_synthetic(root: Path) -> Dataset:
-    """Open sequences written by `entrack data synth`, which have the layout of GOT-10k."""
-    return _open("synthetic", root)
-
-
-def _open(name: str, root: Path) -> Dataset:
+def open_layout(name: str, root: Path) -> Dataset:
+    """Open a folder of this layout as a dataset of the format `name`."""
     if not root.is_dir():
         raise EntrackError(f"there is no folder {root}")
     below = next((s for s in _SPLITS if (root / s / "list.txt").is_file()), "")

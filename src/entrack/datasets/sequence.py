@@ -98,6 +98,8 @@ class Dataset(SequenceOf[Sequence]):
         Frames of each sequence by the official list, where it says so.
     truth
         Where a sequence's ground truth is, or would be.
+    made
+        For sequences that are made when asked for: what opens them again, in place of a folder.
     """
 
     format: str
@@ -108,12 +110,18 @@ class Dataset(SequenceOf[Sequence]):
     origin: int = 0
     lengths: Mapping[str, int] = field(default_factory=_no_lengths)
     truth: Callable[[str], str] = str
+    made: str = ""
 
     def __len__(self) -> int:
         return len(self.names)
 
     def __getitem__(self, index: int) -> Sequence:  # pyright: ignore[reportIncompatibleMethodOverride]
         return self.read(self.names[index])
+
+    @property
+    def place(self) -> str:
+        """What opens it again after `FORMAT:`, from any folder."""
+        return self.made or str(self.root.resolve())
 
     @property
     def missing(self) -> tuple[str, ...]:

@@ -1,114 +1,17 @@
-"""Named protocols: how one sequence is scored, and how the sequences make one number.
+"""Named protocols: how one sequence is scored, and which numbers come of it."""
 
-Every number of every protocol is a quotient of two sums over sequences, possibly for each point of
-a curve. A sequence therefore adds a numerator and a denominator a curve, and totals, curves and
-bootstrap intervals come from the same few lines.
-"""
-
-from collections.abc import Callable, Iterator, Mapping
-from collections.abc import Sequence as SequenceOf
-from dataclasses import dataclass
+from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
 
 from entrack.datasets.sequence import Sequence
 from entrack.errors import EntrackError
-from entrack.evaluation import ope, vot
+from entrack.evaluation import longterm, ope, vot
+from entrack.evaluation.protocol import Floats, Protocol, Score, mean, ratio
 from entrack.evaluation.region import Regions
 
-Floats = NDArray[np.float64]
-Terms = dict[str, tuple[Floats, Floats]]
-"""Numerator and denominator of each curve; a plain number is a curve of one point."""
-
 _OPE = ("otb", "uav123", "lasot", "got10k", "folder", "synthetic")
-
-
-@dataclass(frozen=True)
-class Score:
-    """What one sequence adds to the numbers of a protocol.
-
-    Parameters
-    ----------
-    frames
-        Length of the sequence.
-    terms
-        Its numerators and denominators.
-    reach
-        The point at which its curves end; over all sequences the longest counts.
-    """
-
-    frames: int
-    terms: Terms
-    reach: int | None = None
-
-
-@dataclass(frozen=True)
-class Protocol:
-    """A way of scoring that equals one toolkit's.
-
-    Parameters
-    ----------
-    formats
-        Datasets that it fits.
-    numbers
-        Each number's curve, and the part of the curve whose mean it is.
-    ope
-        Scores predicted boxes, one array (T, 4) a repetition; None for a supervised protocol.
-    supervised
-        Scores trajectories, one a repetition; None for a one-pass protocol.
-    """
-
-    name: str
-    formats: tuple[str, ...]
-    numbers: Mapping[str, tuple[str, slice]]
-    ope: Callable[[Sequence, list[Floats]], Score] | None = None
-    supervised: Callable[[Sequence, list[vot.Trajectory]], Score] | None = None
-
-    def curves(self, scores: SequenceOf[Score]) -> dict[str, Floats]:
-        """Curves over all sequences; NaN where nothing was counted."""
-        names = dict.fromkeys(curve for curve, _ in self.numbers.values())
-        return {name: _quotient(scores, name, np.ones((1, len(scores))))[0] for name in names}
-
-    def values(self, scores: SequenceOf[Score]) -> dict[str, float]:
-        """Numbers over all sequences; NaN where nothing was counted."""
-        curves = self.curves(scores)
-        return {name: _mean(curves[curve][part]) for name, (curve, part) in self.numbers.items()}
-
-    def intervals(
-        self, scores: SequenceOf[Score], seed: int = 0, draws: int = 1000
-    ) -> dict[str, tuple[float, float]]:
-        """95 % bootstrap interval of each number: sequences are drawn with replacement."""
-        random = np.random.default_rng(seed)
-        share = np.full(len(scores), 1 / len(scores))
-        counts = random.multinomial(len(scores), share, draws).astype(np.float64)
-        result: dict[str, tuple[float, float]] = {}
-        for name, (curve, part) in self.numbers.items():
-            drawn = [_mean(row[part]) for row in _quotient(scores, curve, counts)]
-            finite = [value for value in drawn if np.isfinite(value)] or [np.nan]
-            low, high = np.percentile(finite, [2.5, 97.5])
-            result[name] = (float(low), float(high))
-        return result
-
-
-def _quotient(scores: SequenceOf[Score], curve: str, counts: Floats) -> Floats:
-    """Curves (draws, points) in which each sequence counts so often."""
-    above, below = (np.stack([s.terms[curve][i] for s in scores]) for i in (0, 1))
-    result = _ratio(counts @ above, counts @ below)
-    reaches = [s.reach for s in scores if s.reach is not None]
-    if reaches:
-        result[:, max(reaches) :] = np.nan
-    return result
-
-
-def _mean(values: Floats) -> float:
-    finite = values[np.isfinite(values)]
-    return float(finite.mean()) if len(finite) else float("nan")
-
-
-def _ratio(above: Floats, below: Floats) -> Floats:
-    with np.errstate(invalid="ignore", divide="ignore"):
-        return np.where(below > 0, above / below, np.nan)
 
 
 def _one_pass(
@@ -167,7 +70,7 @@ def pysot_vot(sequence: Sequence, runs: list[vot.Trajectory]) -> Score:
         [np.where(r.counted(), o, np.nan) for r, o in zip(runs, overlaps, strict=True)]
     )
     known = np.isfinite(counted).sum(axis=0)
-    mean = _ratio(np.nansum(counted, axis=0), known.astype(np.float64))
+    average = ratio(np.nansum(counted, axis=0), known.astype(np.float64))
     # pysot bounds EAO's overlaps by one pixel less than accuracy's.
     inner = None if size is None else (size[0] - 1, size[1] - 1)
     cut = [
@@ -177,7 +80,7 @@ def pysot_vot(sequence: Sequence, runs: list[vot.Trajectory]) -> Score:
     ]
     failures = sum(len(run.failures) for run in runs) / len(runs)
     terms = {
-        "accuracy": (_point(np.nansum(mean)), _point(np.isfinite(mean).sum())),
+        "accuracy": (_point(np.nansum(average)), _point(np.isfinite(average).sum())),
         "robustness": (_point(100 * failures), _point(len(truth))),
         "expected_overlap": vot.expected_overlap_terms(cut, _POINTS),
     }
@@ -188,7 +91,7 @@ def vot_toolkit(sequence: Sequence, runs: list[vot.Trajectory]) -> Score:
     """VOT as vot-toolkit: robustness in failures a video, videos weigh as much as they are long."""
     truth, size = _truth(sequence)
     overlaps = [vot.supervised_overlaps(run, truth, size, toolkit=True) for run in runs]
-    means = [_mean(o[run.counted()]) for run, o in zip(runs, overlaps, strict=True)]
+    means = [mean(o[run.counted()]) for run, o in zip(runs, overlaps, strict=True)]
     cut = [f for r, o in zip(runs, overlaps, strict=True) for f in vot.toolkit_fragments(r, o)]
     length, failures = len(truth), sum(len(run.failures) for run in runs) / len(runs)
     terms = {
@@ -242,6 +145,7 @@ def _protocols() -> Iterator[Protocol]:
     yield Protocol("uav123", ("uav123",), _OTB_NUMBERS, ope=uav123)
     yield Protocol("lasot", ("lasot",), _OTB_NUMBERS, ope=lasot)
     yield Protocol("got10k", _OPE, _GOT10K_NUMBERS, ope=got10k)
+    yield longterm.LongTerm("longterm", _OPE, longterm.NUMBERS, certain=longterm.gather)
     for year, (low, high) in EAO_BOUNDS.items():
         # A run of N frames is the curve's point N − 1; vot-toolkit reads the point N instead.
         yield Protocol(year, (year,), _vot_numbers(low - 1, high - 1), supervised=pysot_vot)

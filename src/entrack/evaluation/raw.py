@@ -18,12 +18,17 @@ from entrack.datasets import lists
 from entrack.datasets.sequence import Dataset, Sequence
 from entrack.datasets.texts import Texts, name_key
 from entrack.errors import EntrackError
+from entrack.evaluation.certainty import Certainty
 from entrack.evaluation.trajectory import read_binary, read_text
 from entrack.evaluation.vot import Trajectory
 
 Floats = NDArray[np.float64]
 _REPETITION = re.compile(r"(.+)_(\d{3})")
 _TIMES = re.compile(r"(.+?)(?:_(\d{3}))?[._]time")
+_SAID = re.compile(r"(.+)\.score\.csv|(.+?)(?:_(\d{3}))?_confidence\.value")
+
+
+_Files = dict[str, dict[int, str]]
 
 
 class Results:
@@ -68,13 +73,30 @@ class Results:
                 return seconds[np.isfinite(seconds) & (seconds > 0)]
         return np.empty(0)
 
+    def certainty(self, name: str, frames: int) -> Certainty:
+        """What the tracker said of itself in so many frames; silence where there is no file."""
+        for key in _spellings(name):
+            if found := self._index[2].get(key):
+                file = found[min(found)]
+                text, where = self._texts.text(file), str(self.root / file)
+                read = Certainty.read if file.endswith(".csv") else Certainty.of_scores
+                said = read(text, where)
+                if len(said) != frames:
+                    raise EntrackError(f"{where} has {len(said)} frames, the boxes {frames}")
+                return said
+        return Certainty.silent(frames)
+
     @cached_property
-    def _index(self) -> tuple[dict[str, dict[int, str]], dict[str, dict[int, str]]]:
-        """Result files and time files by sequence and repetition."""
-        results: dict[str, dict[int, str]] = defaultdict(dict)
-        times: dict[str, dict[int, str]] = defaultdict(dict)
+    def _index(self) -> tuple[_Files, _Files, _Files]:
+        """Files of results, of times and of scores by sequence and repetition."""
+        results: _Files = defaultdict(dict)
+        times: _Files = defaultdict(dict)
+        said: _Files = defaultdict(dict)
         for file in sorted(self._texts.names):
             path = PurePosixPath(file)
+            if scored := _SAID.fullmatch(path.name):
+                said[name_key(scored[1] or scored[2])].setdefault(int(scored[3] or 1), file)
+                continue
             if path.suffix not in (".txt", ".bin", ".value"):
                 continue
             if timed := _TIMES.fullmatch(path.stem):
@@ -86,7 +108,7 @@ class Results:
                         raise EntrackError(
                             f"{self.root} has two results for one sequence: {other} and {file}"
                         )
-        return results, times
+        return results, times, said
 
 
 def _keys(path: PurePosixPath) -> Iterator[tuple[str, int]]:

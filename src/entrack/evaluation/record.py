@@ -27,7 +27,7 @@ def describe_dataset(truth: Truth, out: Path) -> list[str]:
     }
     content = {
         "format": dataset.format,
-        "place": str(dataset.root.resolve()),
+        "place": dataset.place,
         "official": len(dataset.official) or None,
         "missing": dataset.missing,
         "short": short,

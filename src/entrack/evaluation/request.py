@@ -6,7 +6,8 @@ from pathlib import Path
 
 from entrack.datasets import Sequence, open_dataset
 from entrack.errors import EntrackError
-from entrack.evaluation.protocols import Protocol, default_protocol, find_protocol
+from entrack.evaluation.protocol import Protocol
+from entrack.evaluation.protocols import default_protocol, find_protocol
 from entrack.evaluation.score import Truth
 from entrack.evaluation.unit import Unit
 from entrack.peers import Contender

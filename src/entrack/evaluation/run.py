@@ -4,6 +4,7 @@ OUT/scores.json                              a row a dataset, protocol and track
 OUT/<dataset>/dataset.json                   what was there and what was not
 OUT/<dataset>/<tracker>/run.json             checksum, version, machine, threads
 OUT/<dataset>/<tracker>/<sequence>.txt       boxes; <sequence>.time.txt: seconds
+OUT/<dataset>/<tracker>/<sequence>.score.csv what the tracker said of itself, if it did
 OUT/<dataset>/<tracker>/baseline/…           VOT's files, for supervised runs
 OUT/<dataset>/<tracker>/<sequence>.failed.txt
 OUT/<dataset>/<tracker>/scores/<protocol>.json   curves, every sequence's numbers

@@ -10,7 +10,7 @@ import numpy as np
 from entrack.datasets import Dataset, Sequence
 from entrack.errors import EntrackError
 from entrack.evaluation import ope
-from entrack.evaluation.protocols import Protocol, Score
+from entrack.evaluation.protocol import Protocol, Score
 from entrack.evaluation.raw import Results, fit_length
 
 Row = dict[str, Any]
@@ -72,7 +72,8 @@ class Scored:
         row: Row = {"sequences": len(scores), "frames": sum(s.frames for s in scores)}
         for name, value in values.items():
             row[name] = _number(value)
-            row[f"{name}_95"] = [_number(bound) for bound in intervals[name]]
+            bounds = intervals[name] if np.isfinite(value) else (np.nan, np.nan)
+            row[f"{name}_95"] = [_number(bound) for bound in bounds]
         rates = 1 / np.concatenate([*self.times.values(), np.empty(0)])
         row["fps_mean"] = _number(rates.mean()) if len(rates) else None
         row["fps_median"] = _number(float(np.median(rates))) if len(rates) else None
@@ -131,13 +132,16 @@ def _score(
         for run in runs:
             fit_length(run.regions.corners, sequence, where, allow_partial=False)
         return protocol.supervised(sequence, runs), ""
-    assert protocol.ope
     found = results.boxes(sequence, truth.dataset)
     fitted = [fit_length(b, sequence, where, allow_partial=allow_partial) for b in found]
     odd = [len(b) for b in found if len(b) != len(sequence)]
     cut = f"{odd[0]} results for {len(sequence)} frames" if odd and allow_partial else ""
     shortest = min(fitted, key=lambda pair: len(pair[0]))[0]
     runs = [boxes[: len(shortest)] for _, boxes in fitted]
+    if protocol.certain:
+        said = results.certainty(sequence.name, len(found[0])).first(len(runs[0]))
+        return protocol.certain(shortest, runs[0], said), cut
+    assert protocol.ope
     return protocol.ope(shortest, runs), cut
 
 

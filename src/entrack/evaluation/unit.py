@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from entrack.datasets import Dataset, Sequence, open_dataset
 from entrack.errors import EntrackError
 from entrack.evaluation import ope, raw, trajectory, vot
+from entrack.evaluation.certainty import Certainty
 from entrack.evaluation.region import Regions
 from entrack.files import write_bytes, writing
 from entrack.peers import Contender, Peer
@@ -108,6 +109,8 @@ def run_unit(unit: Unit, report: Callable[[int], None]) -> None:
         else:
             boxes, times = run.one_pass()
             _write(unit.folder / f"{unit.sequence}.time.txt", _lines(times))
+            if run.said:
+                _write(unit.folder / f"{unit.sequence}.score.csv", run.said.write())
             _write(unit.results, raw.write_boxes(boxes, dataset.origin))
     except Exception as error:
         where = f"failed at frame {run.frame + 1} of {len(run.sequence)}"
@@ -135,6 +138,7 @@ class _Run:
         self.peer, self.sequence, self.report = peer, sequence, report
         self.frame, self._frames, self._reported = 0, 0, time.perf_counter()
         self._times: Floats = np.empty(0)
+        self.said = Certainty.silent(len(sequence))
 
     def one_pass(self) -> tuple[Floats, Floats]:
         """Boxes (T, 4) and seconds (T,); NaN rows before the first frame with ground truth."""
@@ -196,6 +200,7 @@ class _Run:
             box = np.empty(0)
         if box.shape not in shapes:
             raise EntrackError(f"the tracker returned {answer!r}, expected a box (x, y, w, h)")
+        self.said.hear(frame, answer)
         return box
 
     def _clock(self, frame: int, started: float) -> None:

@@ -27,7 +27,8 @@ from entrack.peers import opencv
 class Peer(Protocol):
     """What every tracker can do: `box` and what `update` returns are `(x, y, w, h)`, 0-based.
 
-    `update` may return an object with such a `box` instead, as entrack's own `Estimate`.
+    `update` may return an object with such a `box` instead, as entrack's own `Estimate`; of its
+    other fields an evaluation keeps `score`, `lost`, `sigma`, `entropy` and `search`.
     """
 
     def init(self, image: Any, box: Any) -> Any:

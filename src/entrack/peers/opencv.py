@@ -2,6 +2,7 @@
 
 import hashlib
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -36,8 +37,20 @@ NETWORKS: Mapping[str, tuple[str, Mapping[str, str]]] = {
 """Trackers with networks: the class, and each parameter's file in the folder that is named."""
 
 
+@dataclass(frozen=True)
+class Answer:
+    """What a tracker of OpenCV says of one frame."""
+
+    box: NDArray[np.float64]
+    """`(x, y, w, h)` (4,) float64; where the tracker reports failure, its last one."""
+    lost: bool
+    """Whether it reports failure."""
+    score: float | None
+    """Its `getTrackingScore`, in [0, 1]; None for a tracker without."""
+
+
 class OpenCVTracker:
-    """One tracker of OpenCV; where it reports failure, its last box stands."""
+    """One tracker of OpenCV."""
 
     def __init__(self, name: str, settings: Mapping[str, Path]) -> None:
         self._class = PLAIN[name] if name in PLAIN else NETWORKS[name][0]
@@ -53,12 +66,17 @@ class OpenCVTracker:
         corner = self._box if legacy else np.round(self._box)
         self._tracker.init(image, tuple(corner.tolist() if legacy else map(int, corner)))
 
-    def update(self, image: Any) -> NDArray[np.float64]:
-        """Return the box (4,) float64 in the next frame."""
+    def update(self, image: Any) -> Answer:
+        """Find the target in the next frame."""
         found, box = self._tracker.update(image)
         if found:
             self._box = np.array(box, np.float64)
-        return self._box
+        return Answer(self._box, not found, self._score())
+
+    def _score(self) -> float | None:
+        sure = getattr(self._tracker, "getTrackingScore", None)
+        score = -1.0 if sure is None else float(sure())
+        return score if score >= 0 else None  # −1 is what trackers without a score give
 
     def _create(self) -> Any:
         owner: Any = cv2

@@ -4,7 +4,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from entrack.report import comparison, figures, strips, tables
-from entrack.report.figures import Plot, Styles
+from entrack.report.drawing import Styles
+from entrack.report.figures import Plot
 from entrack.report.metrics import by_sequence
 from entrack.report.runs import Section
 from entrack.report.strips import Strip
@@ -43,7 +44,8 @@ def chapter(
     ]
     pictures, why_not = strips.filmstrips(section, styles, sequences)
     notes = [*_notes(section, baseline), *([why_not] if why_not else [])]
-    return Chapter(section, shown, figures.draw(section, styles, attributes), pictures, notes)
+    plots = figures.draw(section, styles, attributes, strips.chosen(section, sequences))
+    return Chapter(section, shown, plots, pictures, notes)
 
 
 def _notes(section: Section, baseline: str | None) -> Iterator[str]:

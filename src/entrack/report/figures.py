@@ -1,7 +1,7 @@
 """The plots of a section."""
 
 import io
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -13,15 +13,13 @@ from matplotlib.figure import Figure
 from entrack.evaluation.ope import NORM_PRECISION, PRECISION, SUCCESS, SUCCESS_101
 from entrack.evaluation.protocols import EAO_BOUNDS
 from entrack.files import write_bytes
-from entrack.report import plots
+from entrack.report import certainty, plots, timeline
+from entrack.report.drawing import Drawing, Styles, lines_of
 from entrack.report.metrics import METRICS, SUPERVISED, Metric, headline
 from entrack.report.plane import Point, plane
 from entrack.report.runs import Section
-from entrack.report.style import Style
 from entrack.report.table import Table
 from entrack.report.tables import quotes
-
-Styles = dict[str, Style]
 
 
 @dataclass(frozen=True)
@@ -50,12 +48,17 @@ class Plot:
         write_bytes(folder / f"{self.name}.png", self.png)
 
 
-_Drawing = tuple[str, str, str, Callable[[], Figure]]
-
-
-def draw(section: Section, styles: Styles, attributes: Table | None) -> list[Plot]:
-    """Draw every plot for which a section has numbers."""
-    drawings = [*_curves(section, styles), *_expected_overlap(section, styles)]
+def draw(
+    section: Section, styles: Styles, attributes: Table | None, shown: Sequence[str]
+) -> list[Plot]:
+    """Draw every plot for which a section has numbers; `shown` are sequences to look at closely."""
+    if section.protocol == "longterm":
+        drawings = [
+            *certainty.drawings(section, styles),
+            *timeline.drawings(section, styles, shown),
+        ]
+    else:
+        drawings = [*_curves(section, styles), *_expected_overlap(section, styles)]
     if attributes is not None and len(attributes.lines) > 3:
         drawings.append(_radar(section, styles, attributes))
     drawings += [*_accuracy_robustness(section, styles), *_speed(section, styles)]
@@ -83,10 +86,10 @@ _CURVES = (
 )  # fmt: skip
 
 
-def _curves(section: Section, styles: Styles) -> Iterator[_Drawing]:
+def _curves(section: Section, styles: Styles) -> Iterator[Drawing]:
     for curve, title, name, x_label, meaning in _CURVES:
         metric = METRICS[name]
-        lines = _lines(section, styles, curve, metric)
+        lines = lines_of(section, styles, curve, metric)
         if not lines:
             continue
         x = {"precision": PRECISION, "norm_precision": NORM_PRECISION}.get(curve)
@@ -99,18 +102,8 @@ def _curves(section: Section, styles: Styles) -> Iterator[_Drawing]:
         yield curve, heading, f"{meaning}; {metric.title} in brackets.", make
 
 
-def _lines(section: Section, styles: Styles, curve: str, metric: Metric) -> list[plots.Curve]:
-    """Curves in the order of their number, the best first."""
-    lines = [
-        plots.Curve(r.tracker, styles[r.tracker], r.curves[curve], r.value(metric))
-        for r in section.results
-        if curve in r.curves
-    ]
-    return sorted(lines, key=lambda line: -(line.value or 0))
-
-
-def _expected_overlap(section: Section, styles: Styles) -> Iterator[_Drawing]:
-    lines = _lines(section, styles, "expected_overlap", METRICS["eao"])
+def _expected_overlap(section: Section, styles: Styles) -> Iterator[Drawing]:
+    lines = lines_of(section, styles, "expected_overlap", METRICS["eao"])
     if not lines:
         return
     # The first point is not defined; a run of N frames is point N − 1 with pysot, N else.
@@ -129,7 +122,7 @@ def _expected_overlap(section: Section, styles: Styles) -> Iterator[_Drawing]:
     yield "expected-overlap", heading, f"{meaning}{low} to {high} (shaded), in brackets.", make
 
 
-def _radar(section: Section, styles: Styles, table: Table) -> _Drawing:
+def _radar(section: Section, styles: Styles, table: Table) -> Drawing:
     lines = table.lines[1:]
     names = [f"{line.cells[0].value} ({line.cells[1].value})" for line in lines]
     webs = [
@@ -146,7 +139,7 @@ def _radar(section: Section, styles: Styles, table: Table) -> _Drawing:
     return "radar", heading, caption, partial(plots.radar, webs, names, heading)
 
 
-def _accuracy_robustness(section: Section, styles: Styles) -> Iterator[_Drawing]:
+def _accuracy_robustness(section: Section, styles: Styles) -> Iterator[Drawing]:
     if section.protocol not in SUPERVISED:
         return
     points = _points(section, styles, METRICS["robustness"], METRICS["accuracy"])
@@ -158,7 +151,7 @@ def _accuracy_robustness(section: Section, styles: Styles) -> Iterator[_Drawing]
     yield "accuracy-robustness", heading, caption, make
 
 
-def _speed(section: Section, styles: Styles) -> Iterator[_Drawing]:
+def _speed(section: Section, styles: Styles) -> Iterator[Drawing]:
     metric = headline(section.protocol)
     points = _points(section, styles, METRICS["fps_mean"], metric)
     if not any(point.style for point in points):

@@ -16,13 +16,13 @@ class Metric:
     digits
         Decimals in tables.
     higher
-        Whether more is better.
+        Whether more is better; None where a certain value is.
     """
 
     name: str
     title: str
     digits: int = 3
-    higher: bool = True
+    higher: bool | None = True
 
 
 METRICS = {
@@ -37,6 +37,15 @@ METRICS = {
         Metric("eao", "EAO"),
         Metric("accuracy", "A"),
         Metric("robustness", "R", higher=False),
+        Metric("f_score", "F"),
+        Metric("tracking_precision", "Pr"),
+        Metric("tracking_recall", "Re"),
+        Metric("roc_auc", "ROC AUC"),
+        Metric("ece", "ECE", higher=False),
+        Metric("coverage", "1σ coverage", higher=None),
+        Metric("coverage_held", "1σ coverage, held", higher=None),
+        Metric("refound", "Re-found"),
+        Metric("refound_frames", "Frames to re-find half", digits=0, higher=False),
         Metric("fps_mean", "Frames/s", digits=1),
     )
 }
@@ -53,6 +62,10 @@ MEANINGS = {
     "tracker scores 0.927 on the whole test set.",
     "got10k": "One pass. AO is the mean overlap over the frames of all sequences in one pool, "
     "without the first frames and without absent ones.",
+    "longterm": "One pass, with how sure the tracker was. F, precision and recall of VOT-LT at the "
+    "threshold with the greatest F; ROC AUC of the score as a detector of any overlap; expected "
+    "calibration error for overlaps of more than ½; share of sides within one σ; share of targets "
+    "found within 30 frames of their return.",
     "vot-toolkit": "Supervised: started again after each failure. The rules of vot-toolkit 0.8 "
     "and later; R is failures a video.",
 }
@@ -70,7 +83,7 @@ def headline(protocol: str) -> Metric:
     """
     if protocol in SUPERVISED:
         return METRICS["eao"]
-    return METRICS["ao" if protocol == "got10k" else "auc"]
+    return METRICS[{"got10k": "ao", "longterm": "f_score"}.get(protocol, "auc")]
 
 
 def by_sequence(protocol: str) -> tuple[Metric, ...]:

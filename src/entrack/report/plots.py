@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from entrack.report.style import LIGHT, Style
 
 Floats = NDArray[np.float64]
+Flags = NDArray[np.bool_]
 _WIDTH, _HEIGHT = 4.9, 3.5  # inches; the legend comes on top
 INK, QUIET, PAPER = LIGHT["ink"], LIGHT["quiet"], LIGHT["paper"]
 RC: Any = {
@@ -34,6 +35,8 @@ class Curve:
     style: Style
     y: Floats
     value: float | None
+    x: Floats | None = None
+    """Its own, where it has no x in common with others."""
 
 
 def curves(
@@ -42,11 +45,53 @@ def curves(
     """Lines over a common x, the legend in the order of the lines."""
     figure, axes = figure_with_axes(title, labels, legend=len(lines))
     for place, line in enumerate(lines):
-        _draw(axes, line, x, (place + 0.5) / len(lines))
+        own = x if line.x is None else line.x
+        _draw(axes, line, own, (place + 0.5) / len(lines))
     axes.set_xlim(x[0], x[-1])
     axes.set_ylim(0, top)
     _legend(figure, len(lines), max(len(line.label) for line in lines))
     return figure
+
+
+def stacked(
+    panels: Sequence[Sequence[Curve]], shaded: Flags, title: str, labels: tuple[str, ...]
+) -> Figure:
+    """Panels of lines in [0, 1] over the same frames, counted from 1; `labels` of x, then each y.
+
+    `shaded` (T,) marks frames in all of them.
+    """
+    named = panels[0]
+    figure = Figure(figsize=(_WIDTH, 3.9 + _legend_height(len(named))), layout="constrained")
+    rows: list[Any] = list(figure.subplots(len(panels), 1, sharex=True))
+    x = np.arange(1.0, len(shaded) + 1)
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], shaded.astype(int), [0]])))
+    for axes, lines, label in zip(rows, panels, labels[1:], strict=True):
+        for start, stop in edges.reshape(-1, 2).tolist():
+            axes.axvspan(start + 0.5, stop + 0.5, color=LIGHT["grid"], linewidth=0, zorder=0)
+        for place, line in enumerate(lines):
+            _draw(axes, line, x, (place + 0.5) / len(lines))
+        axes.set_ylim(-0.02, 1.02)
+        axes.set_ylabel(label)
+        axes.tick_params(which="both", length=0)
+    rows[0].set_title(title)
+    rows[-1].set_xlabel(labels[0])
+    rows[-1].set_xlim(1, max(len(shaded), 2))
+    handles, names = rows[0].get_legend_handles_labels()
+    longest = max((len(line.label) for line in named), default=0)
+    _legend(figure, len(named), longest, handles=handles, labels=names)
+    return figure
+
+
+def diagonal(figure: Figure) -> None:
+    """Draw where x and y are equal."""
+    figure.axes[0].plot([0, 1], [0, 1], color=QUIET, linewidth=0.8, zorder=1)
+
+
+def dots(figure: Figure, line: Curve, share: Floats) -> None:
+    """Draw the points of a line, their areas a measure of how much is in each."""
+    assert line.x is not None
+    colour = line.style.colour
+    figure.axes[0].scatter(line.x, line.y, 400 * share, color=colour, alpha=0.35, linewidths=0)
 
 
 def shade(figure: Figure, low: float, high: float) -> None:
@@ -122,6 +167,8 @@ def _legend_height(count: int) -> float:
     return 0.19 * count + 0.1 if count else 0
 
 
-def _legend(figure: Figure, count: int, longest: int) -> None:
+def _legend(figure: Figure, count: int, longest: int, **entries: Any) -> None:
+    """List the lines of all axes, or the `handles` and `labels` given."""
     columns = 2 if count > 5 and longest <= 16 else 1
-    figure.legend(loc="outside lower left", ncols=columns, handlelength=3.4, fontsize=8.5)
+    look: Any = {"ncols": columns, "handlelength": 3.4, "fontsize": 8.5}
+    figure.legend(loc="outside lower left", **look, **entries)

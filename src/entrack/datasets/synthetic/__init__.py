@@ -8,6 +8,7 @@
 
 from collections.abc import Iterator
 from collections.abc import Sequence as SequenceOf
+from dataclasses import replace
 
 from entrack.datasets.frames import Image
 from entrack.datasets.sequence import Sequence
@@ -16,6 +17,7 @@ from entrack.datasets.synthetic.scene import Actor, Scene
 from entrack.datasets.synthetic.sprite import Sprite, sprite
 from entrack.datasets.synthetic.stage import Props, compose
 from entrack.datasets.synthetic.write import write
+from entrack.errors import EntrackError
 
 __all__ = [
     "ATTRIBUTES",
@@ -27,6 +29,8 @@ __all__ = [
     "SyntheticConfig",
     "configure",
     "hard",
+    "hard_plan",
+    "hard_sequence",
     "sample",
     "sprite",
     "synthesise",
@@ -73,10 +77,32 @@ def hard(count: int = 60, seed: int = 0, props: Props | None = None) -> Iterator
     In turn: a full occlusion of 10 to 40 frames, an exit of 10 to 40 frames and a return, and
     look-alikes; every second one has two of these.
     """
+    for name, config in hard_plan(count, seed):
+        yield hard_sequence(name, config, props)
+
+
+def hard_plan(count: int = 60, seed: int = 0) -> Iterator[tuple[str, SyntheticConfig]]:
+    """Names and configurations of `hard`, without making anything yet."""
     kinds = ("full_occlusion", "out_of_view", "lookalikes")
     for index in range(count):
         names = [kinds[index % 3]] + ([kinds[(index + 1) % 3]] if index % 2 else [])
         frames = 10 + (7 * index) % 31
         hidden = {name: frames for name in names if name != "lookalikes"}
         config = sample(seed + index, names, length=240, **hidden)
-        yield synthesise(config, props, f"hard-{seed + index:06d}-{'-'.join(names)}")
+        yield f"hard-{seed + index:06d}-{'-'.join(names)}", config
+
+
+def hard_sequence(name: str, config: SyntheticConfig, props: Props | None = None) -> Sequence:
+    """Make one of `hard_plan`; what cannot be staged with given props is tried with other ones."""
+    for seed in range(config.seed, config.seed + _CASTINGS * _APART, _APART):
+        try:
+            return synthesise(replace(config, seed=seed), props, name)
+        except EntrackError:
+            if props is None:
+                raise
+    raise EntrackError(f"found no way to show {name} with the pictures given")
+
+
+_CASTINGS = 10
+_APART = 1_000_000
+"""Seeds that sequences of one suite never use for one another."""
