@@ -22,6 +22,7 @@ from entrack.errors import EntrackError
 COMMANDS = {
     "demo": "Track the embedded clip, and show what comes out.",
     "track": "Track objects through a video, a folder of pictures or a camera.",
+    "serve": "Serve a web page: draw a box on a video, and watch it tracked.",
     "evaluate": "Run trackers on benchmarks and score them.",
     "report": "Make curves, tables and pages from scores.",
     "bench": "Measure how fast this machine tracks.",
