@@ -68,7 +68,7 @@ class Hands:
         self.page.wait_for_function("document.querySelector('.stage img')?.naturalWidth > 0")
 
     def drag(self, box: Any, size: tuple[int, int]) -> np.ndarray:
-        """Draw a box in the video's pixels; return the one that the mouse, in whole pixels, drew."""
+        """Draw a box in the video's pixels; return what the mouse, in whole pixels, drew."""
         at = self.page.locator(".stage").bounding_box()
         corner, side = np.array([at["x"], at["y"]]), np.array([at["width"], at["height"]])
         box = np.asarray(box, float)

@@ -3,7 +3,6 @@
 import socket
 import tempfile
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 from nicegui import app, ui
@@ -61,6 +60,7 @@ def serve(
         tailwind=False,
         show_welcome_message=False,
         uvicorn_logging_level="error",
+        timeout_graceful_shutdown=1,
     )
 
 
@@ -95,6 +95,3 @@ class _Limit:
                 refusal = PlainTextResponse(f"more than {self._largest} bytes", 413)
                 return await refusal(scope, receive, send)
         return await self._app(scope, receive, send)
-
-
-__all__ = ["Path", "scratch", "serve"]

@@ -52,7 +52,9 @@ class Stage:
 
     def show(self, source: str, size: tuple[int, int]) -> None:
         """Show a picture of `size` (width, height) from an address."""
-        self._size = size
+        if size != self._size:
+            self._size = size
+            self.root.style(f"--ratio: {size[0] / size[1]:.5f}")
         self.image.set_source(source)
 
     def mark(self, estimates: list[Any], selected: int) -> None:
