@@ -23,6 +23,7 @@ COMMANDS = {
     "demo": "Track the embedded clip, and show what comes out.",
     "track": "Track objects through a video, a folder of pictures or a camera.",
     "serve": "Serve a web page: draw a box on a video, and watch it tracked.",
+    "explain": "Show what the tracker sees in a frame, as a figure or a film.",
     "evaluate": "Run trackers on benchmarks and score them.",
     "report": "Make curves, tables and pages from scores.",
     "bench": "Measure how fast this machine tracks.",

@@ -48,8 +48,8 @@ def serve(
         app.add_middleware(TrustedHostMiddleware, allowed_hosts=[*LOOPBACK, "[::1]"])
     app.add_middleware(_Limit, largest=megabytes * 1_000_000 + _SPARE)
     ready(f"http://{f'[{host}]' if ':' in host else host}:{port}")
+    ui.page("/")(page)
     ui.run(
-        page,
         host=host,
         port=port,
         show=show,
