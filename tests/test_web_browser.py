@@ -1,6 +1,7 @@
 """The web page in a real Chromium: what a user does, and what comes out."""
 
 import csv
+import sys
 import time
 from collections.abc import Callable, Generator
 from pathlib import Path
@@ -13,7 +14,7 @@ import pytest
 from entrack.cli.app import main
 from entrack.model import assets
 from entrack.video import open_source
-from web_page import ARGUMENTS, CHROMIUM, Hands, served
+from web_page import ARGUMENTS, CHROMIUM, Hands, running, served
 
 pytest.importorskip("nicegui", reason="needs the extra web")
 sync_api = pytest.importorskip("playwright.sync_api", reason="needs playwright")
@@ -248,3 +249,21 @@ def test_the_camera_of_the_browser(visit: Opener, tmp_path: Path) -> None:
     hands.page.wait_for_selector(".track:has-text('Track')")
     rows = rows_of(hands.download("CSV", tmp_path))
     assert [int(row["frame"]) for row in rows] == list(range(len(rows))) and len(rows) > 15
+
+
+def test_select_draws_in_the_browser_and_goes_on_in_the_terminal(
+    browser: Any, clip: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "boxes.csv"
+    call = [sys.executable, "-m", "entrack", "track", str(clip), "--select", "--boxes", str(out)]
+    with running(call) as (process, address):
+        hands = Hands(browser.new_page(), address, ready=".stage")
+        hands.wait_for_video()
+        box = hands.drag(BALL, SIZE)
+        hands.click("Track")
+        hands.page.wait_for_selector("h2:has-text('Tracking goes on in the terminal')")
+        assert process.wait(120) == 0
+        hands.page.close()
+    rows = rows_of(out)
+    assert len(rows) == FRAMES and hands.complaints == []
+    np.testing.assert_allclose(boxes_of(rows)[0, :4], box, atol=1e-3)

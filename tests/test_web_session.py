@@ -95,6 +95,7 @@ def test_playing_where_nothing_is_known_goes_on_where_something_is(session: Sess
     session.put(0, CUP)
     run(session, 2)
     session.go(100)
+    session.resume()
     run(session, 1)
     assert session.frame.index == 3 and session.estimates[0] is not None
 
@@ -128,11 +129,11 @@ def estimate(box: tuple[float, ...], lost: bool = False, sigma: float | None = N
 
 
 def test_boxes_lie_where_they_belong() -> None:
-    html = views.boxes([None, estimate((20, 30, 40, 60), lost=True)], (200, 300), 1)
+    html = views.boxes([None, estimate((20, 30, 40, 60), lost=True)], (200, 300))
     place = "left:10.000%;top:10.000%;width:20.000%;height:20.000%"
-    assert f'class="box lost selected" style="{place};--ink:{views.colour(1)}"' in html
+    assert f'class="box lost" style="{place};--ink:{views.colour(1)}"' in html
     assert "2 lost" in html and "band" not in html
-    band = views.boxes([estimate((20, 30, 40, 60), sigma=10)], (200, 300), 0)
+    band = views.boxes([estimate((20, 30, 40, 60), sigma=10)], (200, 300))
     assert "left:5.000%;top:6.667%;width:30.000%;height:26.667%" in band
 
 

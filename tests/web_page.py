@@ -25,15 +25,24 @@ ARGUMENTS = [
 def served(folder: Path, *options: str) -> Generator[str, None, None]:
     """Run `entrack serve` with its temporary files in `folder`; yield its address."""
     call = [sys.executable, "-m", "entrack", "serve", "--no-show", "--port", "0", *options]
+    with running(call, TMPDIR=str(folder)) as (_, address):
+        yield address
+
+
+@contextmanager
+def running(
+    call: list[str], **variables: str
+) -> Generator[tuple[subprocess.Popen[str], str], None, None]:
+    """Run a program that serves a page; yield it and the address that it says first."""
     # NiceGUI changes what it does where it sees pytest's variables.
     clean = {k: v for k, v in os.environ.items() if not k.startswith(("PYTEST", "NICEGUI"))}
     with subprocess.Popen(
-        call, stderr=subprocess.PIPE, text=True, env={**clean, "TMPDIR": str(folder)}
+        call, stderr=subprocess.PIPE, text=True, env={**clean, **variables}
     ) as process:
         assert process.stderr is not None
         said = process.stderr.readline()
         try:
-            yield next(word for word in said.split() if word.startswith("http"))
+            yield process, next(word for word in said.split() if word.startswith("http"))
         finally:
             process.terminate()
 
@@ -41,12 +50,13 @@ def served(folder: Path, *options: str) -> Generator[str, None, None]:
 class Hands:
     """What a user does on one page."""
 
-    def __init__(self, page: Any, address: str) -> None:
+    def __init__(self, page: Any, address: str, ready: str = ".drop") -> None:
         self.page = page
         self.complaints: list[str] = []
         page.on("console", self._listen)
         page.on("pageerror", lambda error: self.complaints.append(str(error)))
         self._open(address)
+        self.page.wait_for_selector(ready)
 
     def _open(self, address: str) -> None:
         for wait in (0.2, 0.5, 1, 2, 4, 8):  # the server says its address before it answers
@@ -55,7 +65,6 @@ class Hands:
                 break
             except Exception:
                 time.sleep(wait)
-        self.page.wait_for_selector(".drop")
 
     def _listen(self, message: Any) -> None:
         if message.type in ("error", "warning"):
@@ -81,7 +90,8 @@ class Hands:
         mouse.up()
         low, high = [(end - corner) / side * size for end in ends]
         self.page.wait_for_function(
-            "n => document.querySelectorAll('.object').length >= n", arg=max(known, 1)
+            "n => document.querySelectorAll('.boxes .box:not(.drawn)').length >= n",
+            arg=max(known, 1),
         )
         return np.concatenate([low, high - low])
 

@@ -25,7 +25,7 @@ from entrack.looks import principal
 from entrack.run import follow
 from entrack.tracker import Estimate, Look, Tracker
 from entrack.video import Frame, Source, VideoWriter
-from entrack.window import Window
+from entrack.window import Window, crop
 
 FIGURES, FILM = (".png", ".pdf", ".svg"), ".mp4"
 _ORANGE, _QUIET = "#e69f00", "#656d76"
@@ -57,8 +57,7 @@ class Way:
 
     def draw(self, frame: Frame, estimate: Estimate, look: Look) -> None:
         """Show another frame of the same size."""
-        x, y, w, h = estimate.search
-        window = Window(x, y, w, h, look.patch.shape[0])
+        window = Window(*estimate.search.tolist(), look.patch.shape[0])
         rgb = _small(frame.image)[:, :, ::-1]
         height, width = frame.image.shape[:2]
         for panel in self._axes.values():
@@ -67,9 +66,8 @@ class Way:
         self._show("frame", rgb, f"{width}×{height}, frame {frame.index}", (0, width, height, 0))
         self._rectangle("frame", estimate.search, linestyle="--", width=1)
         self._rectangle("frame", estimate.box)
-        patch = look.patch[:, :, ::-1]
-        side = look.patch.shape[0]
-        self._show("search window", patch, f"{side}×{side} pixels")
+        patch = crop(frame.image, window)[:, :, ::-1]  # the look's own may be zoomed a little
+        self._show("search window", patch, f"{window.size}×{window.size} pixels")
         n, channels = look.features.shape[-1], look.features.shape[0]
         self._show("features Z", principal(look.features), f"{n}×{n}×{channels}, as 3 colours")
         z = _z(look)

@@ -12,6 +12,7 @@ from entrack.video.source import Frame
 
 if TYPE_CHECKING:
     from av.container import InputContainer
+    from av.video.frame import VideoFrame
 
 _NEAR = 32  # frames: up to here reading on is as fast as a seek
 _CACHE = 64e6  # bytes of frames that are kept, so that a step back needs no seek
@@ -93,21 +94,24 @@ class Clip:
 
     def _read(self, index: int) -> Generator[Frame, None, None]:
         """Decode from the last key frame before `index` on; yield from `index` on."""
+        from av.error import FFmpegError
+
         with self._open() as container:
             stream = container.streams.video[0]
             stream.thread_type, stream.codec_context.thread_count = "FRAME", 2
             if index and self._stamps:
                 container.seek(self._stamps[index], stream=stream)
-            count = 0
-            for packet in container.demux(stream):
-                for picture in [] if packet.is_corrupt else pictures(packet):
+            try:
+                for count, picture in enumerate(_decoded(container)):
                     number, time = count, count / self.fps
                     if self._stamps and picture.pts is not None:
                         number = bisect_left(self._stamps, picture.pts)
                         time = (picture.pts - self._stamps[0]) * self._unit
-                    count += 1
                     if number >= index:
                         yield Frame(number, time, upright(picture))
+            except (FFmpegError, OSError) as error:
+                where = f"{self.name} breaks off after frame {self._next}"
+                raise EntrackError(f"{where}: {error.strerror}") from error
 
     def _open(self) -> "InputContainer":
         import av
@@ -135,3 +139,8 @@ class Clip:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+
+def _decoded(container: "InputContainer") -> Generator["VideoFrame", None, None]:
+    for packet in container.demux(container.streams.video[0]):
+        yield from [] if packet.is_corrupt else pictures(packet)

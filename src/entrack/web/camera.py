@@ -63,12 +63,12 @@ class Recording:
         return len(self._times)
 
     def __getitem__(self, index: int) -> Frame:
-        time = self._times[index]
+        moment = self._times[index]
         data = np.frombuffer(self._path(index).read_bytes(), np.uint8)
         image = cast(Image | None, cv2.imdecode(data, cv2.IMREAD_COLOR) if len(data) else None)
         if image is None:
             raise EntrackError("the camera sent something that is no picture")
-        return Frame(index, time, image)
+        return Frame(index, moment, image)
 
     def close(self) -> None:
         """Nothing is held open."""

@@ -117,6 +117,8 @@ class Page:
         bench, self._bench, self._recording = self._bench, None, None
         if bench:
             await bench.close()
+        for path in self._folder.glob("*"):
+            path.unlink(missing_ok=True)
 
     async def close(self) -> None:
         """Stop all work and delete all files of the page."""

@@ -7,6 +7,7 @@ import numpy as np
 from nicegui import ui
 
 from entrack.looks import coloured
+from entrack.tracker import Estimate
 from entrack.web import views
 from entrack.web.session import Session
 from entrack.window import Window, crop
@@ -111,11 +112,11 @@ class _Row:
             trash.props(f'aria-label="Remove object {number + 1}"')
             trash.on("click.stop", lambda: remove(number))
 
-    def update(self, estimate: Any, selected: bool) -> None:
-        words, state = views.summary(estimate)
-        self._words.set_text(words)
-        self._bar.style(f"width: {state['score']:.0%}")
-        for name, on in (("lost", state["lost"]), ("selected", selected)):
+    def update(self, estimate: Estimate | None, selected: bool) -> None:
+        self._words.set_text(views.words(estimate))
+        self._bar.style(f"width: {estimate.score if estimate else 0:.0%}")
+        lost = estimate is not None and estimate.lost
+        for name, on in (("lost", lost), ("selected", selected)):
             self._root.classes(**{"add" if on else "remove": name})
 
 

@@ -62,7 +62,7 @@ class Selection:
     def _show(self) -> None:
         number, known = self._stage.number, len(self._boxes)
         self._stage.mark(
-            [Estimate(b, 1.0, False, None, None, search=b, ms=0.0) for b in self._boxes], number
+            [Estimate(b, 1.0, False, None, None, search=b, ms=0.0) for b in self._boxes]
         )
         self._go.set_enabled(known > 0)
         self._add.set_enabled(number < known)

@@ -11,7 +11,7 @@ from starlette.responses import PlainTextResponse
 
 from entrack.errors import EntrackError
 
-LOOPBACK = ("127.0.0.1", "localhost", "::1")
+LOOPBACK = ("127.0.0.1", "localhost")
 _SPARE = 1_000_000  # bytes that an upload's form may have around the file
 
 
@@ -45,7 +45,7 @@ def serve(
     """
     port = _free(host, port)
     if host in LOOPBACK:  # else another site's name, made to point here, would be let in
-        app.add_middleware(TrustedHostMiddleware, allowed_hosts=[*LOOPBACK, "[::1]"])
+        app.add_middleware(TrustedHostMiddleware, allowed_hosts=[*LOOPBACK])
     app.add_middleware(_Limit, largest=megabytes * 1_000_000 + _SPARE)
     ready(f"http://{f'[{host}]' if ':' in host else host}:{port}")
     ui.page("/")(page)

@@ -109,10 +109,13 @@ class Session:
         """Forget an object."""
         del self.targets[number]
 
+    def resume(self) -> None:
+        """Where nothing is known of any object, go to the last frame in which something is."""
+        if self.targets and not any(self.estimates):
+            self.go(max(target.last for target in self.targets))
+
     def forward(self) -> bool:
         """Go to the next frame and track in it what is not known yet; False at the end."""
-        if not any(self.estimates):  # nothing can be followed from here: go on where it can
-            self.go(max((target.last for target in self.targets), default=self.frame.index))
         if self.frame.index + 1 >= len(self.footage):
             return False
         try:

@@ -1,6 +1,6 @@
 """The picture on which boxes are drawn, with mouse, pen or finger."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -8,6 +8,7 @@ from nicegui import ui
 from nicegui.events import GenericEventArguments
 
 from entrack.box import Boxes, from_corners
+from entrack.tracker import Estimate
 from entrack.web import views
 
 # The pointer is captured, so that a drag may leave the picture; shares of the picture are sent.
@@ -57,9 +58,9 @@ class Stage:
             self.root.style(f"--ratio: {size[0] / size[1]:.5f}")
         self.image.set_source(source)
 
-    def mark(self, estimates: list[Any], selected: int) -> None:
+    def mark(self, estimates: Sequence[Estimate | None]) -> None:
         """Show the boxes of the picture's objects."""
-        self._boxes.set_content(views.boxes(estimates, self._size, selected))
+        self._boxes.set_content(views.boxes(estimates, self._size))
 
     def _point(self, event: GenericEventArguments) -> Any:
         kind, *place = event.args

@@ -2,7 +2,7 @@
 
 import base64
 from collections.abc import Mapping, Sequence
-from typing import Any, cast
+from typing import cast
 
 import cv2
 import numpy as np
@@ -40,21 +40,20 @@ def data_url(image: Image) -> str:
     return f"data:image/jpeg;base64,{base64.b64encode(jpeg(image)).decode()}"
 
 
-def boxes(estimates: Sequence[Estimate | None], size: tuple[int, int], selected: int) -> str:
+def boxes(estimates: Sequence[Estimate | None], size: tuple[int, int]) -> str:
     """Each object's box, with its number; its search window, its σ band, dashes if it is lost."""
     html: list[str] = []
     for number, estimate in enumerate(estimates):
         if estimate is None:
             continue
         ink = f"--ink:{colour(number)}"
-        lost, chosen = "lost " * estimate.lost, "selected" * (number == selected)
         if not np.array_equal(estimate.search, estimate.box):
             html.append(f'<div class="search" style="{_place(estimate.search, size)};{ink}"></div>')
         if estimate.sigma is not None:
             html.append(f'<div class="band" style="{_band(estimate, size)};{ink}"></div>')
         word = f"{number + 1} lost" if estimate.lost else f"{number + 1}"
         html.append(
-            f'<div class="box {lost}{chosen}" style="{_place(estimate.box, size)};{ink}">'
+            f'<div class="box{" lost" * estimate.lost}" style="{_place(estimate.box, size)};{ink}">'
             f"<b>{word}</b></div>"
         )
     return "".join(html)
@@ -128,11 +127,11 @@ def _runs(frames: Sequence[int]) -> list[tuple[int, int]]:
     return found
 
 
-def summary(estimate: Estimate | None) -> tuple[str, dict[str, Any]]:
-    """What to say of an object in words, and its score as a share."""
+def words(estimate: Estimate | None) -> str:
+    """What to say of an object in one frame."""
     if estimate is None:
-        return "not in this frame", {"score": 0.0, "lost": False}
+        return "not in this frame"
     if estimate.lost:
-        return "LOST", {"score": estimate.score, "lost": True}
+        return "LOST"
     sigma = "" if estimate.sigma is None else f" ±{float(np.mean(estimate.sigma)):.1f} px"
-    return f"{estimate.score:.0%}{sigma}", {"score": estimate.score, "lost": False}
+    return f"{estimate.score:.0%}{sigma}"

@@ -198,6 +198,7 @@ class Workbench:
         self._rate = 0.0
         self._buttons()
         try:
+            await self._work(self.session.resume)
             while self.playing:
                 show = self._may_show()
                 if not await self._work(self._forward):
@@ -237,7 +238,7 @@ class Workbench:
         self._count += 1
         session, index = self.session, self.session.frame.index
         self.stage.show(f"{self._frames}/{self._count}", session.footage.size)
-        self.stage.mark(session.estimates, self.stage.number)
+        self.stage.mark(session.estimates)
         end = max(len(session.footage) - 1, 1)
         if now >= self._panel_due or not self.playing:
             self._panel_due = now + _PANEL
@@ -273,6 +274,8 @@ class Workbench:
             text = f"Object {' and '.join(lost)} lost. Drag its box again where you see it."
         elif number >= len(estimates):
             text = f"Drag a box around {'another' if number else 'an'} object."
+        elif self.session.frame.index + 1 >= len(self.session.footage) and not self._live():
+            text = "The last frame: download the result, or go back and correct it."
         elif self.playing:
             text = "Drag at any time to correct the box."
         else:
