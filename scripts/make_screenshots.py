@@ -35,7 +35,7 @@ def clip_that_cuts(path: Path) -> Path:
     with open_source(assets() / "demo" / "clip.mp4", stop=45) as source, VideoWriter(path) as video:
         for frame in source:
             other = frame.index >= 30
-            image = cv2.GaussianBlur(cv2.flip(frame.image, 0), (0, 0), 5) if other else frame.image
+            image = cv2.GaussianBlur(cv2.flip(frame.image, 0), (0, 0), 30) if other else frame.image
             video.write(image, frame.time)
     return path
 

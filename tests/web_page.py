@@ -53,6 +53,7 @@ class Hands:
     def __init__(self, page: Any, address: str, ready: str = ".drop") -> None:
         self.page = page
         self.complaints: list[str] = []
+        page.set_default_timeout(120_000)  # a busy machine is no error
         page.on("console", self._listen)
         page.on("pageerror", lambda error: self.complaints.append(str(error)))
         self._open(address)
@@ -102,7 +103,7 @@ class Hands:
         """Press Track and wait until it has come to the end."""
         self.click("Track")
         self.page.wait_for_selector(".track:has-text('Pause')")
-        self.page.wait_for_selector(".track:has-text('Track')", timeout=120_000)
+        self.page.wait_for_selector(".track:has-text('Track')")
 
     def seek(self, share: float) -> int:
         """Click into the curve; return the frame."""
@@ -119,7 +120,7 @@ class Hands:
         return self.page.locator(".place").inner_text()
 
     def download(self, kind: str, folder: Path) -> Path:
-        with self.page.expect_download(timeout=60_000) as started:
+        with self.page.expect_download() as started:
             self.click(kind)
         path = folder / started.value.suggested_filename
         started.value.save_as(path)

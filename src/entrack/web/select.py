@@ -39,7 +39,7 @@ class Selection:
             self._stage.show(views.data_url(image), self._size)
             self._message = ui.label().classes("message")
             with ui.element("div").classes("controls"):
-                self._go = ui.button("Track", icon="play_arrow", on_click=self._finish)
+                self._go = ui.button("Track", icon="play_arrow", on_click=self._finish, color=None)
                 self._go.classes("track").props("unelevated no-caps")
                 self._add = ui.button("Add an object", icon="add", on_click=self._next)
                 self._clear = ui.button("Start over", icon="clear", on_click=self._start_over)

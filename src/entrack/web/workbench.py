@@ -69,7 +69,7 @@ class Workbench:
                 self.message = ui.label().classes("message").mark("message")
                 with ui.element("div").classes("controls"):
                     self._back = _icon("skip_previous", "Step back (←)", lambda: self.step(-1))
-                    self._track = ui.button("Track", icon="play_arrow", on_click=self.toggle)
+                    self._track = ui.button(icon="play_arrow", on_click=self.toggle, color=None)
                     self._track.classes("track").mark("track").props("unelevated no-caps")
                     self._next = _icon("skip_next", "Step forward (→)", lambda: self.step(1))
                     self._place = ui.label().classes("place").mark("place")
@@ -262,9 +262,10 @@ class Workbench:
     def _buttons(self) -> None:
         self._track.set_text("Pause" if self.playing else "Track")
         self._track.set_icon("pause" if self.playing else "play_arrow")
-        self._track.set_enabled(bool(self.session.targets))
+        more = self._live() or self.session.frame.index + 1 < len(self.session.footage)
+        self._track.set_enabled(more and bool(self.session.targets))
         self._back.set_enabled(self.session.frame.index > 0)
-        self._next.set_enabled(self.session.frame.index + 1 < len(self.session.footage))
+        self._next.set_enabled(more)
 
     def _say(self) -> None:
         """One sentence under the picture: what is the matter, or what to do next."""
