@@ -142,4 +142,4 @@ def test_the_curve_shows_scores_gaps_and_losses() -> None:
     svg = views.chart([track], 11)
     assert svg.count("<polyline") == 2  # one for each run of frames
     assert 'points="0.0,75.0 100.0,75.0"' in svg
-    assert svg.count('class="lost"') == 1 and 'x="800.0" width="300.0"' in svg
+    assert svg.count('class="lost"') == 1 and 'x="750.0" width="250.0"' in svg

@@ -92,9 +92,10 @@ def chart(tracks: Sequence[Mapping[int, Estimate]], length: int) -> str:
         frames = sorted(track)
         lost = [i for i in frames if track[i].lost]
         for first, last in _runs(lost):
-            width = 1000 * (last - first + 1) / end
+            left, right = max(0, first - 0.5), min(end, last + 0.5)
             marks.append(
-                f'<rect class="lost" x="{1000 * first / end:.1f}" width="{width:.1f}" '
+                f'<rect class="lost" x="{1000 * left / end:.1f}" '
+                f'width="{1000 * (right - left) / end:.1f}" '
                 f'y="{106 + 6 * number}" height="5" fill="{colour(number)}"/>'
             )
         for first, last in _runs(frames):
