@@ -57,7 +57,8 @@ class Way:
 
     def draw(self, frame: Frame, estimate: Estimate, look: Look) -> None:
         """Show another frame of the same size."""
-        window = Window(*estimate.search.tolist(), look.patch.shape[0])
+        x, y, w, h = estimate.search.tolist()
+        window = Window(x, y, w, h, look.patch.shape[0])
         rgb = _small(frame.image)[:, :, ::-1]
         height, width = frame.image.shape[:2]
         for panel in self._axes.values():
