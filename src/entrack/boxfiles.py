@@ -60,10 +60,15 @@ class BoxWriter:
                     file.write(header)
             undo.pop_all()
 
-    def write(self, frame: Frame, estimates: Sequence[Estimate]) -> None:
-        """Add one frame: the estimates of all objects, in the order of the boxes given."""
+    def write(self, frame: Frame, estimates: Sequence[Estimate | None]) -> None:
+        """Add one frame: the estimates of all objects, in the order of the boxes given.
+
+        An object of which nothing is known in this frame, None, has no row.
+        """
         self._written = True
         for number, estimate in enumerate(estimates):
+            if estimate is None:
+                continue
             place = number % len(self._files)  # one file for all, or one each
             with writing(self.paths[place]):
                 self._files[place].write(self._row(frame, number + 1, estimate) + "\n")

@@ -30,7 +30,10 @@ _SHIFT = 4  # OpenCV draws between pixels, in sixteenths
 
 
 def overlay(
-    image: Image, estimates: Sequence[Estimate], frame: int | None = None, fps: float | None = None
+    image: Image,
+    estimates: Sequence[Estimate | None],
+    frame: int | None = None,
+    fps: float | None = None,
 ) -> Image:
     """Draw what the tracker says of one frame on a copy of the picture.
 
@@ -48,6 +51,8 @@ def overlay(
     """
     canvas, width = image.copy(), _line_width(image)
     for number, estimate in enumerate(estimates):
+        if estimate is None:  # an object that is not there yet
+            continue
         colour = PALETTE[number % len(PALETTE)]
         if estimate.sigma is not None:
             _band(canvas, estimate.box, estimate.sigma, colour)

@@ -85,12 +85,13 @@ def follow(
         for frame in decoded:
             yield (
                 frame,
-                tracker.update_many(frame.image) if begun else _begin(tracker, frame, boxes),
+                tracker.update_many(frame.image) if begun else begin(tracker, frame, boxes),
             )
             begun = True
 
 
-def _begin(tracker: ManyTracker, frame: Frame, boxes: Sequence[ArrayLike]) -> list[Estimate]:
+def begin(tracker: ManyTracker, frame: Frame, boxes: Sequence[ArrayLike]) -> list[Estimate]:
+    """Start on boxes; the estimates are the boxes, as far as they are in the picture."""
     given = [inside(box, frame.image) for box in boxes]
     began = time.perf_counter()
     tracker.init_many(frame.image, given)

@@ -22,6 +22,8 @@ from entrack.errors import EntrackError
 COMMANDS = {
     "demo": "Track the embedded clip, and show what comes out.",
     "track": "Track objects through a video, pictures or a camera.",
+    "serve": "Serve a web page: draw a box on a video, and watch it tracked.",
+    "explain": "Show what the tracker sees in a frame, as a figure or a film.",
     "train": "Train a policy by maximum-entropy reinforcement learning.",
     "evaluate": "Run trackers on benchmarks and score them.",
     "report": "Make curves, tables and pages from scores.",

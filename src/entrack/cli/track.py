@@ -1,6 +1,8 @@
 """`entrack track`."""
 
 import json
+from collections.abc import Callable, Generator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
 
@@ -11,10 +13,13 @@ from entrack import box as boxes_
 from entrack.box import Boxes
 from entrack.cli.console import CallError, checking_call, new_app
 from entrack.cli.tracking import Summary, run
+from entrack.errors import EntrackError, require
 from entrack.run import Recorder
-from entrack.video import open_source
+from entrack.tracker import Estimate, Tracker
+from entrack.video import Frame, Source, open_source
 
 app = new_app()
+Each = Callable[[Frame, list[Estimate]], object]
 
 
 @app.command()
@@ -26,13 +31,16 @@ def track(
         ),
     ],
     box: Annotated[
-        list[str],
+        list[str] | None,
         typer.Option(
             metavar="X,Y,W,H",
             help="The object in the first frame: left, top, width and height in pixels. "
             "Once for each object.",
         ),
-    ],
+    ] = None,
+    select: Annotated[
+        bool, typer.Option("--select", help="Draw the boxes on a web page instead.")
+    ] = False,
     model: Annotated[str, typer.Option(help="Name of a model, or its folder.")] = "default",
     boxes: Annotated[
         Path | None, typer.Option(metavar="OUT.csv|.jsonl|.txt", help="Write the boxes here.")
@@ -45,6 +53,12 @@ def track(
     threads: Annotated[
         int | None, typer.Option(min=1, help="Threads of the network; all cores by default.")
     ] = None,
+    rerun: Annotated[
+        str | None,
+        typer.Option(
+            metavar="FILE.rrd|spawn", help="Log all that is seen for the Rerun viewer, or open it."
+        ),
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
 ) -> None:
     """Track objects through a video.
@@ -52,6 +66,7 @@ def track(
     \b
     entrack track surfer.mp4 --box 125,180,137,167 --video out.mp4
     entrack track 'frames/*.jpg' --box 20,30,40,80 --boxes out.csv
+    entrack track surfer.mp4 --select --boxes out.csv
     entrack track match.mkv --start 250 --box 10,20,40,80 --box 90,25,40,80
     entrack track rtsp://camera/stream --box 20,30,40,80 --boxes out.jsonl
 
@@ -60,9 +75,13 @@ def track(
     side. Ctrl-C ends the work and finishes the files.
     """  # noqa: D301
     with checking_call():
-        wanted = [boxes_.parse(text) for text in box]
+        if bool(box) == select:
+            raise EntrackError("say where the object is: either --box X,Y,W,H or --select")
+        wanted = [boxes_.parse(text) for text in box or []]
         opened = open_source(source, start, stop)
     with opened:
+        if select:
+            wanted = _drawn(opened)
         given = [_inside(number, b, opened.size) for number, b in enumerate(wanted, 1)]
         _spare(source, boxes, video)
         with checking_call():
@@ -70,10 +89,40 @@ def track(
             recorder = Recorder(boxes, video, len(given), opened.fps)
         summary = Summary(opened.name, recorder.paths)
         try:
-            run(tracker, opened, given, recorder, summary)
+            with _logging(rerun, tracker, summary.files) as each:
+                run(tracker, opened, given, recorder, summary, each)
         finally:
             if summary.frames:
                 typer.echo(json.dumps(summary.as_dict()) if as_json else summary)
+
+
+@contextmanager
+def _logging(
+    target: str | None, tracker: Tracker, files: list[Path]
+) -> Generator[Each, None, None]:
+    """What to do with every frame: log it for Rerun, or nothing."""
+    if target is None:
+        yield lambda frame, estimates: None
+        return
+    require("rerun", "rerun")
+    from entrack.rerun_log import RerunLog
+
+    with RerunLog(target) as log:
+        files.extend([log.path] if log.path else [])
+        yield lambda frame, estimates: log.write(frame, estimates, tracker.looks)
+
+
+def _drawn(source: Source) -> list[Boxes]:
+    """Have the boxes drawn on the first frame, on a page in a browser."""
+    require("nicegui", "web")
+    from entrack.web.select import select
+
+    def tell(address: str) -> None:
+        port = address.rpartition(":")[2]
+        typer.echo(f"draw the box at {address}", err=True)
+        typer.echo(f"(from another machine: ssh -L {port}:127.0.0.1:{port} HOST)", err=True)
+
+    return select(source.first.image, source.name, tell)
 
 
 def _inside(number: int, box: Boxes, size: tuple[int, int]) -> Boxes:

@@ -35,12 +35,13 @@ def open_video(name: str, address: str, start: int, stop: int | None) -> Source:
         container.close()
         raise EntrackError(f"{name} is not a video")
     stream = container.streams.video[0]
-    fps, seconds = _rate(stream), _promised_seconds(stream)
+    fps, seconds = frame_rate(stream), _promised_seconds(stream)
     length = stream.frames or (round(seconds * fps) if seconds else None)
     return Source(name, _decode(name, container, start), fps, length, start, stop)
 
 
-def _rate(stream: "VideoStream") -> float:
+def frame_rate(stream: "VideoStream") -> float:
+    """Frames a second, on average; 25 where the file does not say."""
     return float(stream.average_rate or stream.guessed_rate or 25)
 
 
@@ -61,18 +62,18 @@ def _decode(name: str, container: "InputContainer", start: int) -> Generator[Fra
 
     stream = container.streams.video[0]
     stream.thread_type, stream.codec_context.thread_count = "FRAME", 2
-    fps, promised = _rate(stream), _promised_seconds(stream)
+    fps, promised = frame_rate(stream), _promised_seconds(stream)
     index, zero, end, cut = 0, None, 0.0, False
     with container:
         try:
             for packet in container.demux(stream):
                 if packet.size:  # the last, empty one only brings out what the decoder holds back
                     cut = packet.is_corrupt
-                for picture in [] if packet.is_corrupt else _pictures(packet):
+                for picture in [] if packet.is_corrupt else pictures(packet):
                     clock = index / fps if picture.pts is None else picture.time
                     zero = clock if zero is None else zero
                     if index >= start:
-                        yield Frame(index, clock - zero, _upright(picture))
+                        yield Frame(index, clock - zero, upright(picture))
                     index, end = index + 1, clock - zero + _seconds_shown(picture, fps)
         except (FFmpegError, OSError) as error:
             raise EntrackError(f"{name} breaks off at frame {index}: {error.strerror}") from error
@@ -80,7 +81,8 @@ def _decode(name: str, container: "InputContainer", start: int) -> Generator[Fra
         raise EntrackError(f"{name} breaks off at frame {index}: the file is cut short or damaged")
 
 
-def _pictures(packet: "Packet[VideoStream]") -> list["VideoFrame"]:
+def pictures(packet: "Packet[VideoStream]") -> list["VideoFrame"]:
+    """Decode a packet; a damaged one has no pictures."""
     from av.error import FFmpegError
 
     try:
@@ -95,7 +97,7 @@ def _seconds_shown(picture: "VideoFrame", fps: float) -> float:
     return 1 / fps
 
 
-def _upright(picture: "VideoFrame") -> Image:
+def upright(picture: "VideoFrame") -> Image:
     """BGR pixels of a decoded frame, turned as its metadata asks."""
     image = cast(Image, picture.to_ndarray(format="bgr24"))
     turn = _TURNS.get(round(picture.rotation / 90) % 4)

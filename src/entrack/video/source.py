@@ -28,6 +28,8 @@ class Source:
     ----------
     name
         As a person would call it: a file's name, `camera 0`, an address.
+    first
+        The first frame, which iteration yields, too.
     size
         (width, height) of the first frame. A later frame may have another size.
     fps
@@ -60,6 +62,7 @@ class Source:
         if first is None:
             found = f"ends before frame {start}" if start else "has no frames"
             raise EntrackError(f"{name} {found}")
+        self.first = first
         self.size = (first.image.shape[1], first.image.shape[0])
         self._frames = itertools.chain([first], part)
 

@@ -1,0 +1,97 @@
+"""Serve pages: on this machine only unless told otherwise, with limits on what comes in."""
+
+import socket
+import tempfile
+from collections.abc import Callable
+from typing import Any
+
+from nicegui import app, ui
+from starlette.middleware.trustedhost import TrustedHostMiddleware
+from starlette.responses import PlainTextResponse
+
+from entrack.errors import EntrackError
+
+LOOPBACK = ("127.0.0.1", "localhost")
+_SPARE = 1_000_000  # bytes that an upload's form may have around the file
+
+
+def serve(
+    page: Callable[[], Any],
+    host: str = "127.0.0.1",
+    port: int = 8000,
+    show: bool = True,
+    megabytes: int = 1000,
+    ready: Callable[[str], object] = print,
+) -> None:
+    """Serve pages until Ctrl-C or `nicegui.app.shutdown`.
+
+    Parameters
+    ----------
+    page
+        Builds one page, for each visitor.
+    host, port
+        Where to listen; port 0 takes a free one.
+    show
+        Open the page in this machine's browser, if it has one.
+    megabytes
+        Larger requests are refused.
+    ready
+        Called with the address before the server starts.
+
+    Raises
+    ------
+    EntrackError
+        If the port is taken or the host is none of this machine's.
+    """
+    port = _free(host, port)
+    if host in LOOPBACK:  # else another site's name, made to point here, would be let in
+        app.add_middleware(TrustedHostMiddleware, allowed_hosts=[*LOOPBACK])
+    app.add_middleware(_Limit, largest=megabytes * 1_000_000 + _SPARE)
+    ready(f"http://{f'[{host}]' if ':' in host else host}:{port}")
+    ui.page("/")(page)
+    ui.run(
+        host=host,
+        port=port,
+        show=show,
+        title="entrack",
+        favicon="🎯",
+        dark=None,
+        reload=False,
+        tailwind=False,
+        show_welcome_message=False,
+        uvicorn_logging_level="error",
+        timeout_graceful_shutdown=1,
+    )
+
+
+def scratch() -> tempfile.TemporaryDirectory[str]:
+    """A folder for everything that is written while serving, uploads on their way in included."""
+    folder = tempfile.TemporaryDirectory(prefix="entrack-")
+    tempfile.tempdir = folder.name
+    return folder
+
+
+def _free(host: str, port: int) -> int:
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    with socket.socket(family) as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind((host, port))
+        except (OSError, OverflowError) as error:
+            raise EntrackError(f"cannot listen on {host}:{port}: {error}") from error
+        return probe.getsockname()[1]
+
+
+class _Limit:
+    """Refuse requests with too much in them before they are read."""
+
+    def __init__(self, app: Any, largest: int) -> None:
+        self._app, self._largest = app, largest
+
+    async def __call__(self, scope: Any, receive: Any, send: Any) -> None:
+        if scope["type"] == "http" and scope["method"] not in ("GET", "HEAD"):
+            length = dict(scope["headers"]).get(b"content-length", b"")
+            if not length.isdigit() or int(length) > self._largest:
+                refusal = PlainTextResponse(f"more than {self._largest} bytes", 413)
+                return await refusal(scope, receive, send)
+        return await self._app(scope, receive, send)
