@@ -21,7 +21,11 @@ __version__ = "0.1.0"
 
 
 def load(
-    model: str | Path = "default", *, engine: str = "openvino", threads: int | None = None
+    model: str | Path = "default",
+    *,
+    engine: str = "openvino",
+    threads: int | None = None,
+    device: str = "cpu",
 ) -> Tracker:
     """Make a tracker from a shipped model ("default", "cf", …) or a model folder.
 
@@ -33,9 +37,11 @@ def load(
         What runs the trunk: "openvino", or "onnxruntime" (extra `gpu`).
     threads
         Threads of the engine; None lets it choose.
+    device
+        "cpu", or with "onnxruntime" also "cuda", which falls back to the CPU with one warning.
     """
     opened = load_model(model)
-    return Tracker(opened.config, load_trunk(opened.trunk, engine, threads))
+    return Tracker(opened.config, load_trunk(opened.trunk, engine, threads, device))
 
 
 def __getattr__(name: str) -> Any:
