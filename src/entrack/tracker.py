@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Iterable
+from copy import copy
 from dataclasses import dataclass
 from typing import Any
 
@@ -75,6 +76,10 @@ class Tracker:
         self.config = config
         self.trunk = trunk
         self._targets: list[_Target] = []
+        self.ids: list[int] = []
+        """Numbers of the targets, in the order of what `update_many` returns."""
+        self._given = 0  # ids, of which none is given twice
+        self._frame: windows.Image | None = None
         self._size = (0, 0)
         cells = config.window.size // 16
         sigma = config.filter.label_sigma * cells / config.window.context
@@ -103,7 +108,7 @@ class Tracker:
 
     def init_many(self, image: Any, boxes: Iterable[ArrayLike]) -> None:
         """Start on several boxes (N, 4) at once; see `init`."""
-        frame = windows.as_bgr(image)
+        frame = self._frame = windows.as_bgr(image)
         started = [inside(box, frame) for box in boxes]
         if not started:
             raise EntrackError("there is no box to track")
@@ -113,19 +118,59 @@ class Tracker:
             _Target(box, box, template, self._fit(template))
             for box, template in zip(started, templates, strict=True)
         ]
+        self.ids, self._given = list(range(len(started))), len(started)
+
+    def add(self, box: ArrayLike, image: Any = None) -> int:
+        """Track one more target, from the frame seen last on; return its id, see `ids`.
+
+        Parameters
+        ----------
+        box
+            `(x, y, w, h)` in that frame.
+        image
+            That frame once more, if something was drawn on it; or the first frame of all.
+
+        Raises
+        ------
+        EntrackError
+            If the box cannot be tracked, or there is no frame yet.
+        """
+        frame = self._frame if image is None else windows.as_bgr(image)
+        if frame is None:
+            raise EntrackError("add before init: the tracker has seen no frame yet")
+        if self._targets:
+            self._follow_size(frame)
+        one = copy(self)
+        one.init_many(frame, [box])
+        self._targets, self._size = [*self._targets, *one._targets], one._size
+        self._frame = frame
+        self.ids, self._given = [*self.ids, self._given], self._given + 1
+        return self.ids[-1]
+
+    def drop(self, id: int) -> None:
+        """Stop to track a target; the others keep their ids."""
+        if id not in self.ids:
+            raise EntrackError(f"there is no target {id}: there are {self.ids}")
+        place = self.ids.index(id)
+        self._targets = self._targets[:place] + self._targets[place + 1 :]
+        self.ids = self.ids[:place] + self.ids[place + 1 :]
 
     def update(self, image: Any) -> Estimate:
         """Find the target of `init` in the next frame."""
         if len(self._targets) > 1:
             raise EntrackError("there are several targets: call update_many")
+        if self._frame is not None and not self._targets:
+            raise EntrackError("there is no target left: call init or add")
         return self.update_many(image)[0]
 
     def update_many(self, image: Any) -> list[Estimate]:
-        """Find every target in the next frame, in the order in which they were given."""
-        if not self._targets:
+        """Find every target in the next frame, in the order in which they were given (`ids`)."""
+        if self._frame is None:
             raise EntrackError("update before init: the tracker does not know its target yet")
         started = time.perf_counter()
-        frame = windows.as_bgr(image)
+        frame = self._frame = windows.as_bgr(image)
+        if not self._targets:
+            return []
         self._follow_size(frame)
         searches = [windows.around(t.box, self.config.window).box for t in self._targets]
         looks = [self._patch(frame, t.box, zoom) for t in self._targets for zoom in self._zooms]
