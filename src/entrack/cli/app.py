@@ -26,6 +26,7 @@ COMMANDS = {
     "report": "Make curves, tables and pages from scores.",
     "bench": "Measure how fast this machine tracks.",
     "data": "List, check and make datasets.",
+    "vot": "Prepare a workspace of vot-toolkit.",
     "trunk": "Train, import, quantise and inspect trunks.",
 }
 """The only list of commands: name → what it does, in one line."""
