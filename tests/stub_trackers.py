@@ -2,6 +2,7 @@
 
 import os
 import signal
+import time
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -100,3 +101,15 @@ def square(number, report):
 
 def threads(_, report):
     return os.environ["OMP_NUM_THREADS"]
+
+
+def nothing(unit, report):
+    """Work for a pool that leaves nothing behind."""
+
+
+def slow_square(payload, report):
+    """Work that says that it has begun, and takes a while."""
+    folder, number = payload
+    Path(folder, f"{number}-{os.getpid()}").touch()
+    time.sleep(2)
+    return number * number

@@ -81,6 +81,56 @@ def test_several_targets_in_one_batch_are_tracked_as_each_alone():
             np.testing.assert_allclose(estimate.box, t.update(frame).box, atol=1e-3)
 
 
+def test_a_target_that_is_added_is_tracked_as_from_a_start_of_its_own():
+    frames = [scene((100 + 2 * k, 80)) for k in range(8)]
+    together, alone = tracker(), tracker()
+    together.init(frames[0], (30, 150, 50, 30))
+    for frame in frames[1:4]:
+        together.update(frame)
+    alone.init(frames[3], (106, 80, 40, 40))
+    assert together.add((106, 80, 40, 40)) == 1
+    for frame in frames[4:]:
+        _, added = together.update_many(frame)
+        np.testing.assert_allclose(added.box, alone.update(frame).box, atol=1e-3)
+    assert together.ids == [0, 1]
+
+
+def test_targets_come_and_go_and_no_id_is_given_twice():
+    t = tracker()
+    assert t.add((100, 80, 40, 40), scene((100, 80))) == 0
+    assert t.add((30, 150, 50, 30)) == 1
+    t.drop(0)
+    [still] = t.update_many(scene((104, 80)))
+    assert iou(still.box, (30, 150, 50, 30)) > 0.9
+    t.drop(1)
+    assert t.update_many(scene((108, 80))) == []
+    with pytest.raises(EntrackError, match="no target left"):
+        t.update(scene((108, 80)))
+    assert t.add((108, 80, 40, 40)) == 2
+    assert iou(t.update(scene((112, 80))).box, (112, 80, 40, 40)) > 0.75
+    with pytest.raises(EntrackError, match=r"no target 1: there are \[2\]"):
+        t.drop(1)
+
+
+def test_a_box_that_cannot_be_added_changes_nothing():
+    t = tracker()
+    with pytest.raises(EntrackError, match="add before init"):
+        t.add((100, 80, 40, 40))
+    t.init(scene((100, 80)), (100, 80, 40, 40))
+    with pytest.raises(EntrackError, match="outside the 320×240 frame"):
+        t.add((400, 10, 20, 20))
+    assert t.ids == [0]
+    assert iou(t.update(scene((104, 80))).box, (104, 80, 40, 40)) > 0.75
+
+
+def test_a_target_is_added_in_the_size_that_the_stream_has_now():
+    t = tracker()
+    t.init(scene((100, 80)), (100, 80, 40, 40))
+    t.add((200, 160, 80, 80), scene((100, 80), shape=(480, 640)))
+    first, second = t.update_many(scene((104, 80), shape=(480, 640)))
+    np.testing.assert_allclose(first.box, second.box, atol=1)
+
+
 def test_update_before_init_is_refused():
     with pytest.raises(EntrackError, match="update before init"):
         tracker().update(scene((0, 0)))

@@ -1,5 +1,6 @@
 """Trunks at run time: both engines, any number of patches, and what is no trunk."""
 
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -84,6 +85,57 @@ def test_missing_files_and_unknown_engines_are_named(file: Path, tmp_path: Path)
         load_trunk(tmp_path / "absent.onnx")
     with pytest.raises(EntrackError, match="no engine 'abacus': there are openvino, onnxruntime"):
         load_trunk(file, "abacus")
+
+
+def test_a_device_that_does_not_work_is_replaced_by_the_cpu_with_one_warning(
+    file: Path, patches: np.ndarray, monkeypatch: pytest.MonkeyPatch
+):
+    import onnxruntime as ort
+
+    expected = load_trunk(file, "onnxruntime", threads=1)(patches)
+    if "CUDAExecutionProvider" in ort.get_available_providers():
+        monkeypatch.setattr(ort, "get_available_providers", lambda: ["CPUExecutionProvider"])
+    with warnings.catch_warnings(record=True) as heard:
+        warnings.simplefilter("always")
+        trunk = load_trunk(file, "onnxruntime", threads=1, device="cuda")
+    assert [str(w.message).split(",")[0] for w in heard] == ["ONNX Runtime cannot use cuda here"]
+    np.testing.assert_array_equal(trunk(patches), expected)
+
+
+def test_a_device_that_works_is_used_without_a_warning(file: Path, monkeypatch: pytest.MonkeyPatch):
+    import onnxruntime as ort
+
+    both = ["CUDAExecutionProvider", "CPUExecutionProvider"]
+    asked = []
+
+    class Session(ort.InferenceSession):
+        def __init__(self, path, options, providers):
+            asked.append(providers)
+            super().__init__(path, options, providers=providers[-1:])
+
+        def get_providers(self):
+            return asked[-1]
+
+    monkeypatch.setattr(ort, "get_available_providers", lambda: both)
+    monkeypatch.setattr(ort, "InferenceSession", Session)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        load_trunk(file, "onnxruntime", threads=1, device="cuda")
+    assert asked == [both]
+
+
+@pytest.mark.parametrize(
+    ("engine", "device", "why"),
+    [
+        ("openvino", "cuda", 'openvino runs on the CPU: device "cuda" takes engine="onnxruntime"'),
+        ("onnxruntime", "tpu", "no device 'tpu': there are cpu, cuda"),
+    ],
+)
+def test_engines_and_devices_that_do_not_fit_are_refused(
+    file: Path, engine: str, device: str, why: str
+):
+    with pytest.raises(EntrackError, match=why):
+        load_trunk(file, engine, device=device)
 
 
 def test_checksum_sees_one_bit(file: Path, tmp_path: Path):

@@ -22,7 +22,11 @@ __version__ = "0.1.0"
 
 
 def load(
-    model: str | Path = "default", *, engine: str = "openvino", threads: int | None = None
+    model: str | Path = "default",
+    *,
+    engine: str = "openvino",
+    threads: int | None = None,
+    device: str = "cpu",
 ) -> Tracker:
     """Make a tracker from a shipped model ("default", "cf", …) or a model folder.
 
@@ -34,9 +38,11 @@ def load(
         What runs the trunk: "openvino", or "onnxruntime" (extra `gpu`).
     threads
         Threads of the engine; None lets it choose.
+    device
+        "cpu", or with "onnxruntime" also "cuda", which falls back to the CPU with one warning.
     """
     opened = load_model(model)
-    trunk = load_trunk(opened.trunk, engine, threads)
+    trunk = load_trunk(opened.trunk, engine, threads, device)
     policy = None
     if opened.policy and opened.config.policy:
         policy = load_policy(opened.policy, opened.config.policy)

@@ -134,3 +134,5 @@ _FORMATS: dict[str, tuple[str, Callable[[Frame, int, Estimate], str]]] = {
     ".jsonl": ("", _json),
     ".txt": ("", _otb),
 }
+SUFFIXES = tuple(_FORMATS)
+"""Of the files that can be written."""

@@ -89,6 +89,10 @@ class PolicyConfig:
     the target in the first frame (row 9)."""
     reach: float = Field(default=1.5, gt=0, le=4)
     """Furthest that an action moves a side of the box, in units of the box's own size."""
+    search: float = Field(default=0.0, ge=0, le=1)
+    """Share of the change of size that is the scale search's; the rest is the action's (row 20)."""
+    keep_aspect: bool = False
+    """The action changes width and height by the same factor."""
     act: Literal["mean", "sample"] = "mean"
     """What is taken of the policy at test time (row 13)."""
     seed: int = Field(default=0, ge=0)

@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Iterable, Mapping
+from copy import copy
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
@@ -95,6 +96,10 @@ class Tracker:
         self.trunk = trunk
         self.policy = policy
         self._targets: list[_Target] = []
+        self.ids: list[int] = []
+        """Numbers of the targets, in the order of what `update_many` returns."""
+        self._given = 0  # ids, of which none is given twice
+        self._frame: windows.Image | None = None
         self._size = (0, 0)
         cells = config.window.size // 16
         sigma = config.filter.label_sigma * cells / config.window.context
@@ -124,7 +129,7 @@ class Tracker:
 
     def init_many(self, image: Any, boxes: Iterable[ArrayLike]) -> None:
         """Start on several boxes (N, 4) at once; see `init`."""
-        frame = windows.as_bgr(image)
+        frame = self._frame = windows.as_bgr(image)
         started = [inside(box, frame) for box in boxes]
         if not started:
             raise EntrackError("there is no box to track")
@@ -141,18 +146,59 @@ class Tracker:
             for target, window, x in zip(self._targets, windows_, features, strict=True):
                 roi = window.to_patch(target.box) / window.size
                 target.known = self.policy.f1.remember(x, roi.astype(np.float32))
+        self.ids, self._given = list(range(len(started))), len(started)
+
+    def add(self, box: ArrayLike, image: Any = None) -> int:
+        """Track one more target, from the frame seen last on; return its id, see `ids`.
+
+        Parameters
+        ----------
+        box
+            `(x, y, w, h)` in that frame.
+        image
+            That frame once more, if something was drawn on it; or the first frame of all.
+
+        Raises
+        ------
+        EntrackError
+            If the box cannot be tracked, or there is no frame yet.
+        """
+        frame = self._frame if image is None else windows.as_bgr(image)
+        if frame is None:
+            raise EntrackError("add before init: the tracker has seen no frame yet")
+        if self._targets:
+            self._follow_size(frame)
+        one = copy(self)
+        one.init_many(frame, [box])
+        self._targets, self._size = [*self._targets, *one._targets], one._size
+        self._frame = frame
+        self.ids, self._given = [*self.ids, self._given], self._given + 1
+        return self.ids[-1]
+
+    def drop(self, id: int) -> None:
+        """Stop to track a target; the others keep their ids."""
+        if id not in self.ids:
+            raise EntrackError(f"there is no target {id}: there are {self.ids}")
+        place = self.ids.index(id)
+        self._targets = self._targets[:place] + self._targets[place + 1 :]
+        self.ids = self.ids[:place] + self.ids[place + 1 :]
 
     def update(self, image: Any) -> Estimate:
         """Find the target of `init` in the next frame."""
         if len(self._targets) > 1:
             raise EntrackError("there are several targets: call update_many")
+        if self._frame is not None and not self._targets:
+            raise EntrackError("there is no target left: call init or add")
         return self.update_many(image)[0]
 
     def update_many(self, image: Any) -> list[Estimate]:
-        """Find every target in the next frame, in the order in which they were given."""
-        if not self._targets:
+        """Find every target in the next frame, in the order in which they were given (`ids`)."""
+        if self._frame is None:
             raise EntrackError("update before init: the tracker does not know its target yet")
         started = time.perf_counter()
+        if not self._targets:
+            self._frame = windows.as_bgr(image)
+            return []
         self.observe(image)
         searches = [windows.around(t.box, self.config.window).box for t in self._targets]
         follow = self._follow_policy if self.policy else self._follow_peak
@@ -215,9 +261,7 @@ class Tracker:
     def _follow_peak(self, target: _Target) -> _Answer:
         """Move and resize the box to where the response is highest: the filter alone."""
         config = self.config
-        penalties = config.scale.penalty ** np.abs(self._steps)
-        heights = np.array([look.response.max() for look in target.looks])
-        best = int((heights * penalties).argmax())
+        best = self._best(target)
         target.look = target.looks[best]
         peak = cf.peak(target.look.response)
         window = windows.around(target.box, config.window, self._zooms[best])
@@ -235,19 +279,34 @@ class Tracker:
         sides = np.tile(target.box[2:], 2)
         evidence = _evidence(cf.peak(target.look.response))
         evidence["sigma"] = float(np.log(gaussian.sigma).mean())
-        return _Answer(
-            moved(target.box, action), evidence, gaussian.sigma * sides, gaussian.entropy
-        )
+        box = self._acted(target, action)
+        return _Answer(box, evidence, gaussian.sigma * sides, gaussian.entropy)
+
+    def _acted(self, target: _Target, action: ArrayLike) -> Boxes:
+        """d_t = d_{t−1} + a_t (eq. 7); its size tempered by the scale search where so configured."""
+        box, config = moved(target.box, action), self.config.policy
+        if config is None or not (config.search or config.keep_aspect):
+            return box
+        growth = np.log(np.maximum(box[2:], 1e-3) / target.box[2:])
+        if config.keep_aspect:
+            growth = np.full(2, growth.mean())
+        searched = np.log(1 + self.config.scale.rate * (self._zooms[self._best(target)] - 1))
+        growth = (1 - config.search) * growth + config.search * searched
+        return boxes_.from_centre(boxes_.centre(box), target.box[2:] * np.exp(growth))
+
+    def _best(self, target: _Target) -> int:
+        """Which of the sizes that were looked at answers most, after the penalties."""
+        penalties = self.config.scale.penalty ** np.abs(self._steps)
+        heights = np.array([look.response.max() for look in target.looks])
+        return int((heights * penalties).argmax())
 
     def move(self, actions: ArrayLike) -> list[Boxes]:
         """Add one action (4,) a target to the boxes (eq. 7) and learn the new appearance."""
         given = np.asarray(actions, np.float64).reshape(-1, 4)
         for target, action in zip(self._targets, given, strict=True):
             assert target.look is not None
-            self._move(
-                target,
-                _Answer(moved(target.box, action), _evidence(cf.peak(target.look.response))),
-            )
+            evidence = _evidence(cf.peak(target.look.response))
+            self._move(target, _Answer(self._acted(target, action), evidence))
         return self.boxes
 
     def _move(self, target: _Target, answer: _Answer) -> float:
@@ -265,6 +324,7 @@ class Tracker:
             target.look = replace(target.look, evidence=answer.evidence)
         target.lost = score < (config.found_above if target.lost else config.lost_below)
         learn = self.config.update.rate > 0 and score >= self.config.update.min_score
+        assert self._frame is not None
         target.unlearned = self._patch(self._frame, target.box) if learn else None
         return score
 

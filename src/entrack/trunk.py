@@ -6,6 +6,7 @@ features float32 (N, C, S/16, S/16).
 
 import hashlib
 import os
+import warnings
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -85,15 +86,23 @@ class OpenVINOTrunk:
 
 
 class OnnxRuntimeTrunk:
-    """The engine of the `gpu` extra, for now on the CPU."""
+    """The engine of the `gpu` extra: on CUDA where that works, otherwise on the CPU."""
 
-    def __init__(self, path: Path, threads: int | None = None) -> None:
+    def __init__(self, path: Path, threads: int | None = None, device: str = "cpu") -> None:
         ort = require("onnxruntime", "gpu")
         options = ort.SessionOptions()
         if threads:
             options.intra_op_num_threads = threads
-        providers = ["CPUExecutionProvider"]
-        self._session = ort.InferenceSession(str(path), options, providers=providers)
+        there = ort.get_available_providers()
+        wanted = [p for p in _PROVIDERS[device] if p in there]
+        self._session = ort.InferenceSession(str(path), options, providers=wanted)
+        # CUDA may be in the package and yet not start, without a driver or its libraries.
+        if self._session.get_providers()[0] != _PROVIDERS[device][0]:
+            warnings.warn(
+                f"ONNX Runtime cannot use {device} here, so the trunk runs on the CPU; it takes a "
+                "driver, and the package onnxruntime-gpu in place of onnxruntime",
+                stacklevel=2,
+            )
         self._input = self._session.get_inputs()[0].name
         quantised = b"QuantizeLinear" in path.read_bytes()
         self.precision = "int8" if quantised else "fp32"
@@ -104,18 +113,35 @@ class OnnxRuntimeTrunk:
         return self._session.run(None, {self._input: x})[0]
 
 
+_PROVIDERS = {
+    "cpu": ["CPUExecutionProvider"],
+    "cuda": ["CUDAExecutionProvider", "CPUExecutionProvider"],
+}
 ENGINES = {"openvino": OpenVINOTrunk, "onnxruntime": OnnxRuntimeTrunk}
 
 
-def load_trunk(path: Path, engine: str = "openvino", threads: int | None = None) -> Trunk:
-    """Open a `trunk.onnx` on "openvino" or "onnxruntime"; `threads` None lets it choose."""
+def load_trunk(
+    path: Path, engine: str = "openvino", threads: int | None = None, device: str = "cpu"
+) -> Trunk:
+    """Open a `trunk.onnx` on "openvino" or "onnxruntime"; `threads` None lets it choose.
+
+    `device` "cuda" is for "onnxruntime" alone, and falls back to the CPU with one warning.
+    """
     if not path.is_file():
         raise EntrackError(f"no trunk {path}")
     if engine not in ENGINES:
         raise EntrackError(f"no engine {engine!r}: there are {', '.join(ENGINES)}")
     if threads is not None and threads < 1:
         raise EntrackError(f"threads must be at least 1, found {threads}")
-    return ENGINES[engine](path, threads)
+    if device not in _PROVIDERS:
+        raise EntrackError(f"no device {device!r}: there are {', '.join(_PROVIDERS)}")
+    if engine == "onnxruntime":
+        return OnnxRuntimeTrunk(path, threads, device)
+    if device != "cpu":
+        raise EntrackError(
+            f'{engine} runs on the CPU: device "{device}" takes engine="onnxruntime"'
+        )
+    return OpenVINOTrunk(path, threads)
 
 
 def sha256(path: Path) -> str:

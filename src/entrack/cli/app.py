@@ -30,6 +30,7 @@ COMMANDS = {
     "calibrate": "Fit a model's score to your own footage.",
     "bench": "Measure how fast this machine tracks.",
     "data": "List, check and make datasets.",
+    "vot": "Prepare a workspace of vot-toolkit.",
     "trunk": "Train, import, quantise and inspect trunks.",
 }
 """The only list of commands: name → what it does, in one line."""

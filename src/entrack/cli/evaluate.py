@@ -43,8 +43,17 @@ def evaluate(
             "by default each dataset's own.",
         ),
     ] = None,
-    workers: Annotated[int, typer.Option(min=1, help="Processes.")] = 1,
+    workers: Annotated[
+        int | None,
+        typer.Option(min=1, help="Processes: one by default; on a cluster, all it has room for."),
+    ] = None,
     threads: Annotated[int, typer.Option(min=1, help="Threads of each process.")] = 1,
+    cluster: Annotated[
+        str | None,
+        typer.Option(
+            metavar="auto|ADDRESS", help="Run on Ray: a cluster's address, or this machine's own."
+        ),
+    ] = None,
     allow_partial: Annotated[
         bool,
         typer.Option(
@@ -67,11 +76,13 @@ def evaluate(
     entrack evaluate --data otb:OTB100 lasot:LaSOT --tracker raw:results/ATOM --out run
     entrack evaluate --data vot2018:VOT2018 --tracker cf --protocol vot2018 vot-toolkit --out run
     entrack evaluate --data synthetic:hard --tracker cf --protocol longterm --out run
+    entrack evaluate --data otb:/nfs/OTB100 --tracker cf --out /nfs/run --cluster HOST:6379
 
     What is done is not done again: stop it with Ctrl-C, and call it again. A sequence on which a
     tracker fails is marked, and the others go on.
     """  # noqa: D301
-    options = Options(tuple(protocol or ()), workers, threads, allow_partial, tuple(export or ()))
+    protocols, layouts = tuple(protocol or ()), tuple(export or ())
+    options = Options(protocols, workers, threads, allow_partial, layouts, cluster)
     with checking_call():
         evaluation = Evaluation.prepare(data, tracker, out, options)
     with _watching() as watcher:

@@ -10,10 +10,13 @@ import typer
 
 import entrack
 from entrack import box as boxes_
+from entrack.batch import read_list
 from entrack.box import Boxes
+from entrack.cli.batching import run_batch
 from entrack.cli.console import CallError, checking_call, new_app
 from entrack.cli.tracking import Summary, run
 from entrack.errors import EntrackError, require
+from entrack.model import load_model
 from entrack.run import Recorder
 from entrack.tracker import Estimate, Tracker
 from entrack.video import Frame, Source, open_source
@@ -25,11 +28,11 @@ Each = Callable[[Frame, list[Estimate]], object]
 @app.command()
 def track(
     source: Annotated[
-        str,
+        str | None,
         typer.Argument(
             metavar="SOURCE", help="Video, folder of pictures, glob, number of a camera, or URL."
         ),
-    ],
+    ] = None,
     box: Annotated[
         list[str] | None,
         typer.Option(
@@ -59,6 +62,23 @@ def track(
             metavar="FILE.rrd|spawn", help="Log all that is seen for the Rerun viewer, or open it."
         ),
     ] = None,
+    batch: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="LIST.csv",
+            help="Track many clips instead: rows source,x,y,w,h and, if you like, name,start,stop.",
+        ),
+    ] = None,
+    workers: Annotated[
+        int | None,
+        typer.Option(min=1, help="Of a batch: processes, one by default; on a cluster, all."),
+    ] = None,
+    cluster: Annotated[
+        str | None,
+        typer.Option(
+            metavar="auto|ADDRESS", help="Of a batch: a Ray cluster, or this machine's own."
+        ),
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
 ) -> None:
     """Track objects through a video.
@@ -69,11 +89,26 @@ def track(
     entrack track surfer.mp4 --select --boxes out.csv
     entrack track match.mkv --start 250 --box 10,20,40,80 --box 90,25,40,80
     entrack track rtsp://camera/stream --box 20,30,40,80 --boxes out.jsonl
+    entrack track --batch clips.csv --boxes 'out/{name}.csv' --workers 8
 
     The CSV has a row for each frame and object: score is the probability that the box is on the
     object, lost is 1 where the tracker does not see it, sigma is the standard deviation of each
     side. Ctrl-C ends the work and finishes the files.
+
+    Of a batch each clip has files of its own, which appear when it is complete: call it again, and
+    it goes on with what is missing. Rows of the same name are objects of one clip.
     """  # noqa: D301
+    if batch:
+        if source or box or start or stop is not None:
+            raise CallError("--batch takes SOURCE, --box, --start and --stop from its list")
+        with checking_call():
+            clips = read_list(batch, boxes, video, model, threads or 1)
+            load_model(model)
+        return run_batch(clips, workers, cluster, as_json)
+    if source is None or not box:
+        raise CallError("expected a SOURCE and a --box, or a --batch")
+    if workers or cluster:
+        raise CallError("--workers and --cluster are for a --batch: one video is one worker's work")
     with checking_call():
         if bool(box) == select:
             raise EntrackError("say where the object is: either --box X,Y,W,H or --select")

@@ -2,7 +2,7 @@
 
 A worker is a fresh interpreter (spawn: forked copies of OpenVINO, OpenCV or CUDA may hang) that
 takes one unit after the other. A unit whose worker died is given to the next worker, up to three
-times.
+times. `entrack.evaluation.cluster` does the same on Ray.
 """
 
 import os
@@ -73,6 +73,15 @@ class _Worker:
         self.pipe.close()
 
 
+def attempt(work: Work, payload: Any, report: Report) -> tuple[Literal["done", "failed"], Any]:
+    """Do a unit; return what came out, or one sentence and a traceback."""
+    try:
+        return "done", work(payload, report)
+    except Exception as error:
+        kind = "" if isinstance(error, EntrackError) else f"{type(error).__name__}: "
+        return "failed", f"{kind}{error}\n\n{traceback.format_exc()}"
+
+
 def run_units(
     work: Work, payloads: Sequence[Any], workers: int, threads: int = 1
 ) -> Generator[Event]:
@@ -125,13 +134,7 @@ def _serve(pipe: Any, work: Work) -> None:
     try:
         while True:
             payload = pipe.recv()
-            try:
-                answer = ("done", work(payload, lambda n: pipe.send(("progress", n))))
-            except Exception as error:
-                kind = "" if isinstance(error, EntrackError) else f"{type(error).__name__}: "
-                sentence = f"{kind}{error}"
-                answer = ("failed", f"{sentence}\n\n{traceback.format_exc()}")
-            pipe.send(answer)
+            pipe.send(attempt(work, payload, lambda n: pipe.send(("progress", n))))
     except (EOFError, BrokenPipeError, ConnectionResetError):
         pass
 

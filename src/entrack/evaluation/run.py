@@ -11,19 +11,22 @@ OUT/<dataset>/<tracker>/scores/<protocol>.json   curves, every sequence's number
     OUT/export/<layout>/<dataset>/<tracker>/         results as other toolkits write them
 """
 
+from collections.abc import Generator
 from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from entrack.errors import EntrackError
 from entrack.evaluation import record, request
+from entrack.evaluation.cluster import run_on_cluster
 from entrack.evaluation.export import check_layouts, export
-from entrack.evaluation.pool import run_units
+from entrack.evaluation.pool import Event, run_units
 from entrack.evaluation.raw import Results
 from entrack.evaluation.request import Entry
 from entrack.evaluation.score import Row, score
 from entrack.evaluation.unit import Unit, run_unit
 from entrack.files import write_bytes
+from entrack.model import SHIPPED
 from entrack.peers import parse_all
 
 
@@ -49,7 +52,7 @@ class Options:
     protocols
         Names of protocols; empty: the usual one of each dataset.
     workers
-        Processes.
+        Processes; None: one, or all that the cluster has room for.
     threads
         Threads of each: one by default, for one worker as for many, so that numbers do not depend
         on how many there are, and two do twice the work of one.
@@ -57,13 +60,16 @@ class Options:
         Score results of another length than the ground truth, and of some of the sequences.
     export
         Layouts in which results are written a second time, below `OUT/export`.
+    cluster
+        Address of a Ray cluster, or "auto"; see `entrack.evaluation.cluster`.
     """
 
     protocols: tuple[str, ...] = ()
-    workers: int = 1
+    workers: int | None = None
     threads: int = 1
     allow_partial: bool = False
     export: tuple[str, ...] = ()
+    cluster: str | None = None
 
 
 @dataclass
@@ -155,34 +161,50 @@ def _check_complete(entry: Entry) -> None:
 def _track(entries: list[Entry], options: Options, watcher: Watcher, outcome: Outcome) -> None:
     """Do what is not done yet, the longest first, so that no worker is left with it at the end."""
     todo = [
-        (unit, unit.work(len(sequence)), entry)
+        (unit, len(sequence), entry)
         for entry in entries
         for unit, sequence in entry.units(options.threads)
         if not unit.done(len(sequence))
     ]
-    todo.sort(key=lambda item: -item[1])
+    todo.sort(key=lambda item: -item[0].work(item[1]))
     if not todo:
         return
-    watcher.plan(sum(work for _, work, _ in todo))
+    works = [unit.work(frames) for unit, frames, _ in todo]
+    watcher.plan(sum(works))
     done = [0] * len(todo)
-    units = [unit for unit, _, _ in todo]
-    with closing(run_units(run_unit, units, options.workers, options.threads)) as events:
+    with closing(_events([unit for unit, _, _ in todo], options)) as events:
         for event in events:
-            unit, work, entry = todo[event.unit]
+            unit, frames, entry = todo[event.unit]
+            label, why = f"{entry.label}/{unit.sequence}", None
             if event.kind == "progress":
-                done[event.unit] = min(event.value, work)
+                done[event.unit] = min(event.value, works[event.unit])
             elif event.kind == "again":
                 done[event.unit] = 0
-                watcher.say(f"{entry.label}/{unit.sequence}: its worker died, trying again")
+                watcher.say(f"{label}: its worker died, trying again")
             else:
-                done[event.unit] = work
+                done[event.unit] = works[event.unit]
                 unit.failed.unlink(missing_ok=True)
                 if event.kind == "failed":
-                    _fail(unit, event.value)
-                    why = event.value.splitlines()[0]
-                    outcome.failed[f"{entry.label}/{unit.sequence}"] = why
-                    watcher.say(f"{entry.label}/{unit.sequence} failed: {why}")
+                    why = event.value
+                elif options.cluster and not unit.done(frames):
+                    why = f"its results are not in {entry.folder}: do all machines see this folder?"
+            if why is not None:
+                _fail(unit, why)
+                outcome.failed[label] = why.splitlines()[0]
+                watcher.say(f"{label} failed: {outcome.failed[label]}")
             watcher.frames(sum(done))
+
+
+def _events(units: list[Unit], options: Options) -> Generator[Event]:
+    """Run the units where they are to run."""
+    if options.cluster is None:
+        return run_units(run_unit, units, options.workers or 1, options.threads)
+    units = [unit.anywhere() for unit in units]
+    contenders = [unit.contender for unit in units if unit.contender.kind == "model"]
+    models = sorted({c.spec for c in contenders} - set(SHIPPED))
+    return run_on_cluster(
+        run_unit, units, options.cluster, options.workers, options.threads, models
+    )
 
 
 def _fail(unit: Unit, why: str) -> None:

@@ -3,7 +3,7 @@
 import random
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 
@@ -48,6 +48,17 @@ class Unit:
     folder: Path
     supervised: bool
     threads: int = 1
+
+    def anywhere(self) -> "Unit":
+        """Return it with paths that do not depend on the working folder."""
+        form, _, place = self.data.partition(":")
+        data = f"{form}:{Path(place).expanduser().resolve()}"
+        return replace(self, data=data, folder=self.folder.resolve())
+
+    def with_model(self, places: dict[str, str]) -> "Unit":
+        """Return it with its model where it lies on this machine; see `cluster.Payload`."""
+        spec = self.contender.spec
+        return replace(self, contender=replace(self.contender, spec=places.get(spec, spec)))
 
     @property
     def failed(self) -> Path:

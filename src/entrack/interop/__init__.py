@@ -1,0 +1,1 @@
+"""The tracker in the shapes that other libraries and toolkits expect; each imports only its own."""
