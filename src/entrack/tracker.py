@@ -283,7 +283,7 @@ class Tracker:
         return _Answer(box, evidence, gaussian.sigma * sides, gaussian.entropy)
 
     def _acted(self, target: _Target, action: ArrayLike) -> Boxes:
-        """d_t = d_{t−1} + a_t (eq. 7); its size tempered by the scale search where so configured."""
+        """d_t = d_{t−1} + a_t (eq. 7), its size tempered by the scale search if so configured."""
         box, config = moved(target.box, action), self.config.policy
         if config is None or not (config.search or config.keep_aspect):
             return box
