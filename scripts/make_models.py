@@ -7,7 +7,7 @@ from entrack.config import Config, read
 from entrack.model import SHIPPED, assets, save_model
 
 DESCRIPTIONS = {
-    "default": "What `entrack track` uses: the correlation filter with three sizes.",
+    "default": "What `entrack track` uses: filter, state and a learned policy.",
     "cf": "The correlation filter with three sizes, eqs. 1-3 and 14.",
     "cf-baseline": "The paper's CF.Baseline: the correlation filter, the size stays.",
 }
@@ -18,7 +18,9 @@ def main() -> None:
     for name in SHIPPED:
         config = read(Config, presets / f"{name}.toml")
         folder = assets() / "models" / name
-        save_model(folder, name, DESCRIPTIONS[name], config, assets() / "trunk" / "trunk.onnx")
+        policy = folder / "policy.safetensors" if config.policy else None
+        trunk = assets() / "trunk" / "trunk.onnx"
+        save_model(folder, name, DESCRIPTIONS[name], config, trunk, policy)
         print(f"wrote {folder / 'model.toml'}")
 
 

@@ -44,7 +44,7 @@ def test_version(capsys: pytest.CaptureFixture[str]) -> None:
     ("call", "message"),
     [
         (["trakc"], "No such command 'trakc'. Did you mean 'track'"),
-        (["track"], "Missing argument 'SOURCE'. Try 'entrack track --help'."),
+        (["track"], "expected a SOURCE, or a --batch. Try 'entrack track --help'."),
         (["track", "x.mp4"], "either --box X,Y,W,H or --select"),
         (["track", "x.mp4", "--box", "1,2,3,4", "--start", "soon"], "Invalid value for '--start'"),
         (["--verbose"], "No such option: --verbose"),

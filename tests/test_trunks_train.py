@@ -97,8 +97,7 @@ def test_response_loss_prefers_the_right_place_and_silent_strangers():
     ours = Filter(18, FilterConfig(), WindowConfig())
     rng = np.random.default_rng(0)
     templates = torch.from_numpy(rng.random((4, 32, 18, 18), np.float32))
-    centred = [Pair(np.empty(0), np.empty(0), (0.0, 0.0), 1.0)] * 4
-    beside = [Pair(np.empty(0), np.empty(0), (0.25, 0.0), 1.0)] * 4
+    centred, beside = [pair(0.0, 0.0)] * 4, [pair(0.25, 0.0)] * 4
     here, there = (
         torch.from_numpy(labels(p, 18, ours.sigma, config.scale_spread)) for p in (centred, beside)
     )
@@ -209,11 +208,15 @@ def test_clips_without_usable_boxes_give_no_pair():
         draw(np.random.default_rng(0), 2)
 
 
-def test_labels_stand_at_the_offset_and_fall_with_a_wrong_scale():
-    def pair(dx: float, dy: float, zoom: float) -> Pair:
-        return Pair(np.empty(0), np.empty(0), (dx, dy), zoom)
+def pair(dx: float, dy: float, zoom: float = 1.0) -> Pair:
+    """A pair without pictures."""
+    box = np.array([0.5 + dx - 1 / 6, 0.5 + dy - 1 / 6, 1 / 3, 1 / 3])
+    held = np.array([1 / 3, 1 / 3, np.log(zoom), np.log(zoom)])
+    return Pair(np.empty(0), np.empty(0), (dx, dy), zoom, box, held, np.full(4, 1 / 3))
 
-    maps = labels([pair(0, 0, 1), pair(2 / 18, -3 / 18, 1), pair(0, 0, 1.3)], 18, 0.6, 0.25)
+
+def test_labels_stand_at_the_offset_and_fall_with_a_wrong_scale():
+    maps = labels([pair(0, 0), pair(2 / 18, -3 / 18), pair(0, 0, 1.3)], 18, 0.6, 0.25)
     np.testing.assert_allclose(maps[0], cf.label(18, 0.6), atol=1e-6)
     assert np.unravel_index(maps[1].argmax(), (18, 18)) == (6, 11)
     expected = np.exp(-0.5 * (np.log(1.3) / 0.25) ** 2)

@@ -44,8 +44,8 @@ def held(box: ArrayLike, first: ArrayLike, window: ArrayLike) -> Array:
     Width and height in shares of the window's side, and the logarithms of both in units of the
     first box's: what is not seen clearly is more likely to have kept its size.
 
-    >>> held([0, 0, 40, 90], [0, 0, 40, 45], [0, 0, 180, 180])
-    array([0.222, 0.5  , 0.   , 0.693], dtype=float32)
+    >>> held([0, 0, 45, 90], [0, 0, 45, 90], [0, 0, 180, 180]).tolist()
+    [0.25, 0.5, 0.0, 0.0]
     """
     size, first_size = np.asarray(box, np.float64)[2:], np.asarray(first, np.float64)[2:]
     shares = size / np.asarray(window, np.float64)[2:]

@@ -50,6 +50,8 @@ class Look:
     """Z: (C, n, n) float32."""
     response: cf.Features
     """M: (n, n) float32, its peak at [n // 2, n // 2] for a target that has not moved (eq. 3)."""
+    z: cf.Features | None = None
+    """f1(Z) (C, n, n) (eq. 4); None for a model without a policy."""
     evidence: Mapping[str, float] = field(default_factory=dict[str, float])
     """What the score was computed from, once it was; see `ScoreConfig`."""
 
@@ -236,6 +238,8 @@ class Tracker:
             target.looks = [Look(p, z, m) for (p, z), m in zip(of_target, responses, strict=True)]
             target.look = target.looks[len(self._zooms) // 2]
             target.state = self._state(target)
+            if target.state:
+                target.look = replace(target.look, z=target.state.z)
         return [target.state for target in self._targets]
 
     @property

@@ -15,7 +15,7 @@ from entrack.box import Boxes
 from entrack.cli.batching import run_batch
 from entrack.cli.console import CallError, checking_call, new_app
 from entrack.cli.tracking import Summary, run
-from entrack.errors import EntrackError, require
+from entrack.errors import require
 from entrack.model import load_model
 from entrack.run import Recorder
 from entrack.tracker import Estimate, Tracker
@@ -105,13 +105,13 @@ def track(
             clips = read_list(batch, boxes, video, model, threads or 1)
             load_model(model)
         return run_batch(clips, workers, cluster, as_json)
-    if source is None or not box:
-        raise CallError("expected a SOURCE and a --box, or a --batch")
+    if source is None:
+        raise CallError("expected a SOURCE, or a --batch. Try 'entrack track --help'.")
     if workers or cluster:
         raise CallError("--workers and --cluster are for a --batch: one video is one worker's work")
     with checking_call():
         if bool(box) == select:
-            raise EntrackError("say where the object is: either --box X,Y,W,H or --select")
+            raise CallError("say where the object is: either --box X,Y,W,H or --select")
         wanted = [boxes_.parse(text) for text in box or []]
         opened = open_source(source, start, stop)
     with opened:

@@ -73,7 +73,7 @@ class Log:
         row = {"step": step} | {k: round(v, 6) for k, v in values.items()}
         fresh = not self.path.exists()
         with self.path.open("a", newline="") as file:
-            writer = csv.DictWriter(file, list(row))
+            writer = csv.DictWriter(file, list(row), lineterminator="\n")
             if fresh:
                 writer.writeheader()
             writer.writerow(row)
