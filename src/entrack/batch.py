@@ -102,6 +102,8 @@ def read_list(
         raise EntrackError("a batch writes a table or a video of each clip")
     if table and table.suffix.lower() not in SUFFIXES:
         raise EntrackError(f"boxes are written as {' '.join(SUFFIXES)}, found {table.name}")
+    folder = path.parent.resolve()
+    patterns = [str(p.resolve()) if p else None for p in (table, video)]
     clips: dict[str, Clip] = {}
     with _opened(path) as file:
         reader = csv.DictReader(file, skipinitialspace=True)
@@ -111,7 +113,7 @@ def read_list(
             raise EntrackError(f"{path} begins with the columns {names}: no {sorted(missing)}")
         for row in reader:
             where = f"{path}, line {reader.line_num}"
-            clip = _clip(row, path.parent, where)
+            clip = _clip(row, folder, where)
             before = clips.get(clip.name)
             if before:
                 if replace(before, boxes=clip.boxes) != clip:
@@ -122,10 +124,8 @@ def read_list(
         raise EntrackError(f"{path} lists no clip")
 
     def placed(clip: Clip) -> Clip:
-        files = (p and Path(str(p).replace("{name}", clip.name)).resolve() for p in (table, video))
-        return Clip(
-            clip.name, clip.source, clip.boxes, clip.start, clip.stop, *files, model, threads
-        )
+        table, video = (Path(p.replace("{name}", clip.name)) if p else None for p in patterns)
+        return replace(clip, table=table, video=video, model=model, threads=threads)
 
     return [placed(clip) for clip in clips.values()]
 
@@ -154,7 +154,7 @@ def _clip(row: dict[str, str], folder: Path, where: str) -> Clip:
     except ValueError as error:
         raise EntrackError(f"{where}: {error}") from error
     if "://" not in source:
-        source = str((folder / source).resolve())
+        source = str(folder / source)
     return Clip(name, source, (tuple(box.tolist()),), start, end)
 
 

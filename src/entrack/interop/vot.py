@@ -80,17 +80,28 @@ def as_box(region: Any) -> Boxes:
     """
     values = np.asarray(region, np.float64)
     if values.shape == (4,):
-        return values
+        return _as_written(values)
     if values.shape == (4, 2):
-        return upright_boxes(values.ravel())
+        return upright_boxes(_as_written(values).ravel())
     if values.ndim == 2 and values.shape[1] == 2:
         low, high = values.min(axis=0), values.max(axis=0)
         return np.concatenate([low, high - low])
-    rows, columns = np.nonzero(values) if values.ndim == 2 else ([], [])
-    if not len(rows):
+    if values.ndim != 2 or not values.any():
         raise EntrackError(f"expected a rectangle, polygon or mask, found shape {values.shape}")
-    low = np.array([np.min(columns), np.min(rows)], np.float64)
-    return np.concatenate([low, np.array([np.max(columns), np.max(rows)]) + 1 - low])
+    columns, rows = values.any(axis=0).nonzero()[0], values.any(axis=1).nonzero()[0]
+    low = np.array([columns[0], rows[0]], np.float64)
+    return np.concatenate([low, np.array([columns[-1], rows[-1]]) + 1 - low])
+
+
+def _as_written(values: Boxes) -> Boxes:
+    """Undo that the toolkit keeps the decimals of its files in single precision.
+
+    3e-6 pixels at the start are a twentieth of a pixel one frame later, and another run at the end.
+    """
+    single = values.astype(np.float32)
+    if (single != values).any():
+        return values
+    return np.array([float(str(v)) for v in single.ravel()]).reshape(values.shape)
 
 
 def read(frame: str | Mapping[str, str]) -> Image:
@@ -115,7 +126,8 @@ def serve(model: str = "default") -> None:
             if request.type not in ("initialize", "frame"):
                 return
             frame = request.image["color"].path()
-            new = [(_from_trax(region), dict(p)) for region, p in request.objects or []]
+            objects: list[tuple[Any, Properties]] = request.objects or []
+            new: New = [(_from_trax(region), {}) for region, _ in objects]
             call = tracker.init if request.type == "initialize" else tracker.update
             found = call(frame, new)
             server.status([(trax.Rectangle.create(*box), told) for box, told in found])
