@@ -42,7 +42,7 @@ def main() -> int:
     args = parser.parse_args()
     kinds = {
         "local": Options(workers=args.workers),
-        "ray": Options(workers=args.workers, cluster="auto"),
+        "ray": Options(workers=args.workers, cluster="local"),
     }
     times: dict[str, list[float]] = {name: [] for name in kinds}
     results: dict[str, dict[str, bytes]] = {}

@@ -12,10 +12,13 @@ import pytest
 
 from entrack.box import iou
 from entrack.cli.app import main
+from entrack.datasets.boxes import upright_boxes
 from entrack.errors import EntrackError
 from entrack.evaluation.run import Evaluation, Options
 from entrack.interop.vot import as_box, create_tracker
 from fakes import ball
+
+SLANTED = [(334.02, 128.36), (438.19, 188.78), (396.39, 260.83), (292.23, 200.41)]
 
 
 @pytest.fixture
@@ -51,6 +54,8 @@ def test_regions_of_every_kind_become_boxes():
     mask[5:9, 10:17] = 1
     np.testing.assert_array_equal(as_box(mask.tolist()), [10, 5, 7, 4])
     np.testing.assert_array_equal(as_box([(1, 2), (5, 2), (3, 8)]), [1, 2, 4, 6])
+    single = [(float(np.float32(x)), float(np.float32(y))) for x, y in SLANTED]
+    np.testing.assert_array_equal(as_box(single), upright_boxes(np.ravel(SLANTED)))
     diamond = as_box([(2, 0), (4, 2), (2, 4), (0, 2)])
     np.testing.assert_allclose(diamond[2:].prod(), 8)
     with pytest.raises(EntrackError, match="expected a rectangle, polygon or mask"):

@@ -170,7 +170,7 @@ def _film(
 
 def _z(look: Look) -> Features | None:
     """f1(Z) (C, n, n) of a model with a policy (eq. 4)."""
-    return getattr(look, "z", None)
+    return look.z
 
 
 def _small(image: Image) -> Image:

@@ -51,7 +51,8 @@ def evaluate(
     cluster: Annotated[
         str | None,
         typer.Option(
-            metavar="auto|ADDRESS", help="Run on Ray: a cluster's address, or this machine's own."
+            metavar="auto|local|ADDRESS",
+            help="Run on Ray: a cluster's address, or this machine's own.",
         ),
     ] = None,
     allow_partial: Annotated[

@@ -76,7 +76,7 @@ def track(
     cluster: Annotated[
         str | None,
         typer.Option(
-            metavar="auto|ADDRESS", help="Of a batch: a Ray cluster, or this machine's own."
+            metavar="auto|local|ADDRESS", help="Of a batch: a Ray cluster, or this machine's own."
         ),
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,

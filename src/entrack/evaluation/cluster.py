@@ -46,8 +46,8 @@ def run_on_cluster(
     Parameters
     ----------
     address
-        Of the cluster, as `ray.init` takes it; "auto" looks for a cluster on this machine, and
-        starts one of `workers` processes where there is none.
+        Of the cluster, as `ray.init` takes it; "local" starts one of `workers` processes on this
+        machine, "auto" only where none runs already.
     workers
         Units at a time; None: as many as there are places of `threads` CPUs.
     models
@@ -70,7 +70,7 @@ def run_on_cluster(
         running: dict[Any, int] = {}
         try:
             while waiting or running:
-                room = workers or _AHEAD * _places(ray, threads)
+                room = workers or _AHEAD * max(1, _places(ray, threads))
                 while waiting and len(running) < room:
                     unit = waiting.popleft()
                     running[task.remote(work, payloads[unit], parcels, paths, version)] = unit
@@ -82,6 +82,9 @@ def run_on_cluster(
                         kind, value = ray.get(ref)
                     except ray.exceptions.RayTaskError as error:
                         kind, value = "failed", str(error.cause)
+                    except ray.exceptions.LocalRayletDiedError as error:
+                        why = "Ray has ended on this machine: what is done stays, call it again"
+                        raise EntrackError(why) from error
                     except ray.exceptions.RayError as error:
                         deaths[unit] += 1
                         if deaths[unit] < ATTEMPTS:
@@ -121,7 +124,7 @@ def _do(
 def _places(ray: Any, threads: int) -> int:
     """Units that fit on the machines that are there now."""
     nodes = [node["Resources"].get("CPU", 0) for node in ray.nodes() if node["Alive"]]
-    return max(1, int(sum(cpus // threads for cpus in nodes)))
+    return int(sum(cpus // threads for cpus in nodes))
 
 
 @contextmanager
@@ -131,8 +134,8 @@ def _connected(ray: Any, address: str, workers: int | None, threads: int) -> Gen
     if joined:
         _join(ray, address, workers and workers * threads)
     try:
-        most = max(node["Resources"].get("CPU", 0) for node in ray.nodes())
-        if most < threads:
+        if not _places(ray, threads):
+            most = max(node["Resources"].get("CPU", 0) for node in ray.nodes())
             raise EntrackError(f"no machine of the cluster has {threads} CPUs, at most {most:g}")
         yield
     finally:
@@ -143,10 +146,12 @@ def _connected(ray: Any, address: str, workers: int | None, threads: int) -> Gen
 def _join(ray: Any, address: str, cpus: int | None) -> None:
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
     quiet = {"log_to_driver": False, "logging_level": "ERROR"}
-    try:
-        ray.init(address, **quiet)
-    except ConnectionError as error:
-        if address != "auto":
-            raise EntrackError(f"there is no Ray cluster at {address}: {error}") from error
-        here = {"include_dashboard": False, "_node_ip_address": "127.0.0.1"}
-        ray.init(num_cpus=cpus, **here, **quiet)
+    if address != "local":
+        try:
+            ray.init(address, **quiet)
+            return
+        except ConnectionError as error:
+            if address != "auto":
+                raise EntrackError(f"there is no Ray cluster at {address}: {error}") from error
+    here = {"include_dashboard": False, "_node_ip_address": "127.0.0.1"}
+    ray.init("local", num_cpus=cpus, **here, **quiet)

@@ -61,7 +61,7 @@ class Options:
     export
         Layouts in which results are written a second time, below `OUT/export`.
     cluster
-        Address of a Ray cluster, or "auto"; see `entrack.evaluation.cluster`.
+        Address of a Ray cluster, "auto" or "local"; see `entrack.evaluation.cluster`.
     """
 
     protocols: tuple[str, ...] = ()

@@ -80,9 +80,9 @@ def as_box(region: Any) -> Boxes:
     """
     values = np.asarray(region, np.float64)
     if values.shape == (4,):
-        return values
+        return _as_written(values)
     if values.shape == (4, 2):
-        return upright_boxes(values.ravel())
+        return upright_boxes(_as_written(values).ravel())
     if values.ndim == 2 and values.shape[1] == 2:
         low, high = values.min(axis=0), values.max(axis=0)
         return np.concatenate([low, high - low])
@@ -91,6 +91,17 @@ def as_box(region: Any) -> Boxes:
     inside = np.argwhere(values)[:, ::-1].astype(np.float64)  # x, y
     low = inside.min(axis=0)
     return np.concatenate([low, inside.max(axis=0) + 1 - low])
+
+
+def _as_written(values: Boxes) -> Boxes:
+    """Undo that the toolkit keeps the decimals of its files in single precision.
+
+    3e-6 pixels at the start are a twentieth of a pixel one frame later, and another run at the end.
+    """
+    single = values.astype(np.float32)
+    if (single != values).any():
+        return values
+    return np.array([float(str(v)) for v in single.ravel()]).reshape(values.shape)
 
 
 def read(frame: str | Mapping[str, str]) -> Image:
@@ -115,8 +126,8 @@ def serve(model: str = "default") -> None:
             if request.type not in ("initialize", "frame"):
                 return
             frame = request.image["color"].path()
-            given: Any = request.objects or []
-            new: list[Any] = [(_from_trax(region), dict(told)) for region, told in given]
+            objects: list[tuple[Any, Properties]] = request.objects or []
+            new: New = [(_from_trax(region), {}) for region, _ in objects]
             call = tracker.init if request.type == "initialize" else tracker.update
             found = call(frame, new)
             server.status([(trax.Rectangle.create(*box), told) for box, told in found])
