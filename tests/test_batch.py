@@ -106,7 +106,7 @@ def test_lists_that_cannot_be_used_name_their_line(tmp_path, rows, why):
         (["--batch", "clips.csv"], "writes a table or a video"),
         (["--batch", "clips.csv", "--boxes", "one.csv"], "put {name} into it"),
         (["--batch", "clips.csv", "--boxes", "{name}.xml"], "written as .csv .jsonl .txt"),
-        (["a.mp4"], "expected a SOURCE and a --box"),
+        (["a.mp4"], "either --box X,Y,W,H or --select"),
         (["a.mp4", "--box", "1,2,3,4", "--workers", "2"], "are for a --batch"),
         (["--batch", "absent.csv", "--boxes", "{name}.csv"], "there is no list absent.csv"),
     ],
