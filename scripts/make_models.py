@@ -7,7 +7,8 @@ from entrack.config import Config, read
 from entrack.model import SHIPPED, assets, save_model
 
 DESCRIPTIONS = {
-    "default": "What `entrack track` uses: filter, state and a learned policy.",
+    "default": "What `entrack track` uses: the correlation filter with three sizes.",
+    "policy": "The filter of cf, the state of eqs. 4-6, and a learned policy.",
     "cf": "The correlation filter with three sizes, eqs. 1-3 and 14.",
     "cf-baseline": "The paper's CF.Baseline: the correlation filter, the size stays.",
 }

@@ -26,7 +26,7 @@ from entrack.config import Config, parse, read_toml
 from entrack.errors import EntrackError
 from entrack.trunk import sha256
 
-SHIPPED = ("default", "cf", "cf-baseline")
+SHIPPED = ("default", "cf", "cf-baseline", "policy")
 
 
 @checked(frozen=True, config=ConfigDict(extra="forbid"))
