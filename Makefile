@@ -10,7 +10,7 @@ demo: $(BASE)/.installed
 	$(BASE)/bin/entrack demo --out out/demo
 
 test: $(DEV)/.installed
-	$(DEV)/bin/python -m pytest -n 2
+	$(DEV)/bin/python -m pytest -n 2 --dist loadgroup
 
 lint: $(DEV)/.installed
 	$(DEV)/bin/ruff check

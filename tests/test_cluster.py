@@ -19,6 +19,9 @@ from entrack.evaluation.pool import run_units
 from entrack.model import load_model, save_model
 from small_data import black_out, evaluate, make_folder
 
+pytestmark = pytest.mark.xdist_group("ray")
+"""One process of tests has all of them: a second would join its cluster, not start its own."""
+
 
 @pytest.fixture(scope="module")
 def stub_folder(tmp_path_factory):
@@ -33,7 +36,8 @@ def cluster(stub_folder):
     paths = [str(Path(__file__).parent), *os.environ.get("PYTHONPATH", "").split(os.pathsep)]
     patch.setenv("PYTHONPATH", os.pathsep.join(paths))
     patch.setenv("RAY_USAGE_STATS_ENABLED", "0")
-    ray.init(num_cpus=2, include_dashboard=False, log_to_driver=False, _node_ip_address="127.0.0.1")
+    quiet = {"include_dashboard": False, "log_to_driver": False}
+    ray.init("local", num_cpus=2, _node_ip_address="127.0.0.1", **quiet)
     yield "auto"
     ray.shutdown()
     patch.undo()
