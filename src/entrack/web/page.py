@@ -58,11 +58,6 @@ class Page:
         self._main = ui.element("main")
         self._ask()
 
-    @property
-    def jpeg(self) -> bytes:
-        """The frame that is looked at."""
-        return self._bench.jpeg if self._bench else b""
-
     async def _begin(self) -> None:
         """Let go of the video and ask for another one."""
         await self._end()
@@ -87,8 +82,7 @@ class Page:
         self._other.set_visibility(True)
         self._main.clear()
         with self._main:
-            address = f"/frame/{self._key}"
-            self._bench = Workbench(session, address, self._folder, lambda: self._live)
+            self._bench = Workbench(session, self._folder, lambda: self._live)
 
     @property
     def _live(self) -> bool:
@@ -131,14 +125,6 @@ def dress() -> None:
     """Give the page its looks."""
     ui.add_css(_STYLE)
     ui.colors(primary="#00796b", negative="#b3261e")
-
-
-@app.get("/frame/{key}/{number}")
-def frame(key: str, number: int) -> Response:
-    """The frame that a page looks at; the number only makes the browser ask again."""
-    if key not in PAGES:
-        return Response(status_code=404)
-    return Response(PAGES[key].jpeg, media_type="image/jpeg", headers={"Cache-Control": "no-store"})
 
 
 @app.post("/camera/{key}")

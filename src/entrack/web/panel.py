@@ -3,16 +3,11 @@
 from collections.abc import Awaitable, Callable
 from typing import Any
 
-import numpy as np
 from nicegui import ui
 
-from entrack.looks import coloured
 from entrack.tracker import Estimate
 from entrack.web import views
-from entrack.web.session import Session
-from entrack.window import Window, crop
-
-_SIZE = 192  # pixels of the pictures of search window and response
+from entrack.web.shot import SIDE, Shot
 
 
 class Panel:
@@ -28,12 +23,11 @@ class Panel:
 
     def __init__(
         self,
-        session: Session,
         select: Callable[[int], object],
         remove: Callable[[int], Awaitable[None]],
         download: Callable[[str], Awaitable[None]],
     ) -> None:
-        self._session, self._select, self._remove = session, select, remove
+        self._select, self._remove = select, remove
         self._rows: list[_Row] = []
         with ui.element("div").classes("panel"):
             with ui.element("section"):
@@ -60,9 +54,9 @@ class Panel:
                     ]
                 self.progress = ui.linear_progress(show_value=False).props("rounded")
 
-    def update(self, selected: int, shown: float | None) -> None:
-        """Show the numbers of the frame looked at; `shown` is the rate of pictures a second."""
-        estimates = self._session.estimates
+    def update(self, shot: Shot, selected: int, shown: float | None) -> None:
+        """Show the numbers of a frame; `shown` is the rate of pictures a second."""
+        estimates = shot.estimates
         if len(self._rows) != len(estimates):
             self._objects.clear()
             with self._objects:
@@ -74,23 +68,12 @@ class Panel:
         self._add.set_visibility(0 < len(estimates) and selected < len(estimates))
         for button in self._buttons:
             button.set_enabled(bool(estimates))
-        self._look(selected)
+        if shot.details:
+            self._search.set_source(shot.details.search)
+            self._response.set_source(shot.details.response)
         ms = sum(e.ms for e in estimates if e is not None)
         speed = f"{ms:.0f} ms a frame to track" if ms else ""
         self._speed.set_text(speed + (f" · {shown:.0f} frames/s shown" if shown else ""))
-
-    def _look(self, number: int) -> None:
-        estimate = dict(enumerate(self._session.estimates)).get(number)
-        if estimate is None:
-            self._search.set_source("")
-            self._response.set_source("")
-            return
-        frame = self._session.frame
-        x, y, w, h = estimate.search
-        self._search.set_source(views.data_url(crop(frame.image, Window(x, y, w, h, _SIZE))))
-        heat = self._session.targets[number].heats.get(frame.index)
-        heat = np.zeros((2, 2), np.uint8) if heat is None else heat
-        self._response.set_source(views.data_url(coloured(heat, _SIZE)))
 
 
 class _Row:
@@ -122,7 +105,7 @@ class _Row:
 
 def _picture(caption: str) -> ui.interactive_image:
     with ui.element("figure"):
-        picture = ui.interactive_image(size=(_SIZE, _SIZE))
+        picture = ui.interactive_image(size=(SIDE, SIDE))
         ui.html(caption, tag="figcaption", sanitize=False)
     return picture
 

@@ -12,6 +12,7 @@ from starlette.responses import PlainTextResponse
 from entrack.errors import EntrackError
 
 LOOPBACK = ("127.0.0.1", "localhost")
+_REMEMBERED = 60  # messages, to be sent again after an interruption; they hold pictures
 _SPARE = 1_000_000  # bytes that an upload's form may have around the file
 
 
@@ -60,6 +61,8 @@ def serve(
         tailwind=False,
         show_welcome_message=False,
         uvicorn_logging_level="error",
+        ws_per_message_deflate=False,  # most of what is sent are JPEGs
+        message_history_length=_REMEMBERED,
         timeout_graceful_shutdown=1,
     )
 

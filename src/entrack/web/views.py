@@ -35,9 +35,9 @@ def jpeg(image: Image) -> bytes:
     return cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 85])[1].tobytes()
 
 
-def data_url(image: Image) -> str:
-    """A small picture as a link that holds it."""
-    return f"data:image/jpeg;base64,{base64.b64encode(jpeg(image)).decode()}"
+def data_url(image: Image, number: int = 0) -> str:
+    """A picture as an address that holds it; another number makes another address of it."""
+    return f"data:image/jpeg;n={number};base64,{base64.b64encode(jpeg(image)).decode()}"
 
 
 def boxes(estimates: Sequence[Estimate | None], size: tuple[int, int]) -> str:

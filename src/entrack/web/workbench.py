@@ -3,6 +3,8 @@
 import asyncio
 import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 from typing import ParamSpec, TypeVar
 
@@ -11,15 +13,16 @@ from nicegui.events import GenericEventArguments, KeyEventArguments
 
 from entrack.box import Boxes
 from entrack.errors import EntrackError
-from entrack.web import views
 from entrack.web.panel import Panel
 from entrack.web.session import Session
+from entrack.web.shot import Shot, take
 from entrack.web.stage import Stage
 
 P = ParamSpec("P")
 T = TypeVar("T")
 _SHOWN = 1 / 30  # seconds between two pictures shown; the tracker is not held up by more
-_UNLOADED = 0.5  # seconds after which a picture that the browser did not get is given up
+_AHEAD = 2  # pictures on their way to the browser at a time: the next one while one is drawn
+_UNLOADED = 0.5  # seconds after which pictures that the browser did not get are given up
 _PANEL = 0.25  # seconds between two updates of numbers and curves
 _SHARE = """(e) => {
     const r = e.currentTarget.getBoundingClientRect();
@@ -30,33 +33,29 @@ _SHARE = """(e) => {
 class Workbench:
     """Everything that is done with one video on one page.
 
-    The session is used in threads, one call at a time, so that the page answers meanwhile.
+    The session is used in one thread, which tracks without waiting for the page and hands over
+    `Shot`s of what it sees; the page answers meanwhile.
 
     Parameters
     ----------
     session
         Closed with the workbench.
-    frames
-        Address under which the page serves `jpeg`.
     folder
         For files that are made to be downloaded.
     live
         Whether frames still arrive: at the end playing waits for the next one.
     """
 
-    def __init__(
-        self, session: Session, frames: str, folder: Path, live: Callable[[], bool]
-    ) -> None:
-        self.session, self._frames, self._folder, self._live = session, frames, folder, live
-        self.jpeg = views.jpeg(session.frame.image)
+    def __init__(self, session: Session, folder: Path, live: Callable[[], bool]) -> None:
+        self.session, self._folder, self._live = session, folder, live
         self.playing = self.closed = False
         self.progress: float | None = None
         """Share of the annotated video that is made; None while none is."""
         self._lock = asyncio.Lock()
+        self._thread = ThreadPoolExecutor(1, "entrack-page")
         self._wanted = 0
-        self._count = 0
         self._sent = self._panel_due = 0.0
-        self._loaded = True
+        self._under_way = 0
         self._rate = 0.0
         self._build()
         self.refresh()
@@ -80,7 +79,7 @@ class Workbench:
                     self._head = ui.element("div").classes("head")
                     ui.label("score").classes("axis")
                 chart.on("click", self._click_chart, js_handler=_SHARE)
-            self.panel = Panel(self.session, self.select, self.remove, self.download)
+            self.panel = Panel(self.select, self.remove, self.download)
             self.panel.progress.bind_visibility_from(self, "progress", lambda p: p is not None)
             self.panel.progress.bind_value_from(self, "progress", lambda p: round(p or 0, 2))
         ui.keyboard(self._key)
@@ -125,7 +124,7 @@ class Workbench:
         if by < 0:
             await self.go(self.session.frame.index + by)
         else:
-            await self._work(self._forward)
+            await self._work(self.session.forward)
             self.refresh()
 
     async def go(self, index: int) -> None:
@@ -135,7 +134,7 @@ class Workbench:
         async with self._lock:
             if index != self._wanted or self.closed:
                 return
-            await asyncio.to_thread(self._look_at, index)
+            await self._call(self.session.go, index)
         self.refresh()
 
     async def download(self, kind: str) -> None:
@@ -170,22 +169,17 @@ class Workbench:
         self.playing, self.closed = False, True
         async with self._lock:
             self.session.close()
+        self._thread.shutdown(wait=False)
 
-    # What happens in threads.
+    # What happens in the session's thread.
 
     async def _work(self, call: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T:
         async with self._lock:
-            return await asyncio.to_thread(call, *args, **kwargs)
+            return await self._call(call, *args, **kwargs)
 
-    def _forward(self) -> bool:
-        moved = not self.closed and self.session.forward()
-        if moved and (self._may_show() or not self.playing):
-            self.jpeg = views.jpeg(self.session.frame.image)
-        return moved
-
-    def _look_at(self, index: int) -> None:
-        self.session.go(index)
-        self.jpeg = views.jpeg(self.session.frame.image)
+    async def _call(self, call: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T:
+        loop = asyncio.get_running_loop()
+        return await loop.run_in_executor(self._thread, partial(call, *args, **kwargs))
 
     def _render(self, path: Path) -> None:
         for share in self.session.write_video(path):
@@ -194,70 +188,78 @@ class Workbench:
                 return
 
     async def _play(self) -> None:
-        self.playing, due, shown = True, time.perf_counter(), -1
-        self._rate = 0.0
+        self.playing = True
         self._buttons()
         try:
-            await self._work(self.session.resume)
-            while self.playing:
-                show = self._may_show()
-                if not await self._work(self._forward):
-                    if not self._live():
-                        break
-                    await asyncio.sleep(0.01)
-                    continue
-                if show and self.playing:
-                    shown = self._show()
-                if not self.session.fresh:  # seen before: at the video's own pace
-                    due = max(due + 1 / self.session.footage.fps, time.perf_counter())
-                    await asyncio.sleep(due - time.perf_counter())
+            await self._work(self._run, asyncio.get_running_loop())
         except EntrackError as error:
             ui.notify(str(error), type="negative", timeout=0, close_button=True)
         finally:
             self.playing = False
-            if not self.closed:
-                if shown != self.session.frame.index:
-                    await self._work(self._look_at, self.session.frame.index)
-                self.refresh()
+            self.refresh()
 
-    # What is shown.
+    def _run(self, loop: asyncio.AbstractEventLoop) -> None:
+        """Track, or play what is known, until the end or a pause."""
+        self.session.resume()
+        self._rate, self._under_way, due = 0.0, 0, time.perf_counter()
+        while self.playing:
+            if not self.session.forward():
+                if not self._live():
+                    return
+                time.sleep(0.01)
+                continue
+            if self._may_show():
+                loop.call_soon_threadsafe(self._show, self._next_shot())
+            if not self.session.fresh:  # seen before: at the video's own pace
+                due = max(due + 1 / self.session.footage.fps, time.perf_counter())
+                time.sleep(due - time.perf_counter())
 
     def _may_show(self) -> bool:
         waited = time.perf_counter() - self._sent
-        return waited >= _UNLOADED or (self._loaded and waited >= _SHOWN)
+        return waited >= _UNLOADED or (self._under_way < _AHEAD and waited >= _SHOWN)
+
+    def _next_shot(self) -> Shot:
+        """What to show now; the numbers beside the picture are only in it where they are due."""
+        now = time.perf_counter()
+        rate, waited = 1 / (now - self._sent), now - self._sent
+        if waited >= _UNLOADED:
+            self._under_way = 0
+        else:
+            self._rate = 0.9 * (self._rate or rate) + 0.1 * rate
+        self._sent, self._under_way = now, self._under_way + 1
+        full = now >= self._panel_due
+        self._panel_due = now + _PANEL if full else self._panel_due
+        return take(self.session, self.stage.number, full)
+
+    # What is shown.
 
     def _on_loaded(self) -> None:
-        self._loaded = True
+        self._under_way = max(self._under_way - 1, 0)
 
-    def _show(self) -> int:
-        """Show picture and boxes of the frame, and its numbers if they are due."""
-        now = time.perf_counter()
-        rate = 1 / max(now - self._sent, 1e-3)
-        self._rate = 0.9 * (self._rate or rate) + 0.1 * rate
-        self._sent, self._loaded = now, False
-        self._count += 1
-        session, index = self.session, self.session.frame.index
-        self.stage.show(f"{self._frames}/{self._count}", session.footage.size)
-        self.stage.mark(session.estimates)
-        end = max(len(session.footage) - 1, 1)
-        if now >= self._panel_due or not self.playing:
-            self._panel_due = now + _PANEL
+    def _show(self, shot: Shot) -> None:
+        """Show a picture with its boxes, and the numbers beside it if it has them."""
+        if self.closed:
+            return
+        self.stage.show(shot.picture, self.session.footage.size)
+        self.stage.mark(shot.estimates)
+        if shot.details:
+            end = max(shot.length - 1, 1)
             self._slider.props(f"max={end}")
-            self._slider.set_value(index)
-            self._head.style(f"left: {100 * index / end:.2f}%")
-            self._place.set_text(f"frame {index} of {end} · {session.frame.time:.2f} s")
-            tracks = [target.estimates for target in session.targets]
-            self._chart.set_content(views.chart(tracks, len(session.footage)))
-            self.panel.update(self.stage.number, self._rate if self.playing else None)
-            self._say()
-        return index
+            self._slider.set_value(shot.index)
+            self._head.style(f"left: {100 * shot.index / end:.2f}%")
+            self._place.set_text(f"frame {shot.index} of {end} · {shot.time:.2f} s")
+            self._chart.set_content(shot.details.chart)
+            self.panel.update(shot, self.stage.number, self._rate if self.playing else None)
+            self._say(shot)
 
     def refresh(self) -> None:
         """Show everything as it is now."""
-        if not self.closed:
-            self._show()
-            self._buttons()
-            self._say()
+        if self.closed:
+            return
+        self._buttons()
+        self._panel_due = 0.0
+        if not self._lock.locked():  # else whoever uses the session shows it in the end
+            self._show(take(self.session, self.stage.number))
 
     def _buttons(self) -> None:
         self._track.set_text("Pause" if self.playing else "Track")
@@ -267,15 +269,15 @@ class Workbench:
         self._back.set_enabled(self.session.frame.index > 0)
         self._next.set_enabled(more)
 
-    def _say(self) -> None:
+    def _say(self, shot: Shot) -> None:
         """One sentence under the picture: what is the matter, or what to do next."""
-        estimates, number = self.session.estimates, self.stage.number
+        estimates, number = shot.estimates, self.stage.number
         lost = [str(i + 1) for i, e in enumerate(estimates) if e is not None and e.lost]
         if lost:
             text = f"Object {' and '.join(lost)} lost. Drag its box again where you see it."
         elif number >= len(estimates):
             text = f"Drag a box around {'another' if number else 'an'} object."
-        elif self.session.frame.index + 1 >= len(self.session.footage) and not self._live():
+        elif shot.index + 1 >= shot.length and not self._live():
             text = "The last frame: download the result, or go back and correct it."
         elif self.playing:
             text = "Drag at any time to correct the box."
