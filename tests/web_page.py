@@ -47,6 +47,26 @@ def running(
             process.terminate()
 
 
+def cpu(root: int, without: int = 0) -> float:
+    """Seconds of processor time of a process and all that it started, but for one branch."""
+    parents: dict[int, int] = {}
+    used: dict[int, float] = {}
+    for entry in Path("/proc").glob("[0-9]*"):
+        try:
+            fields = (entry / "stat").read_text().rpartition(")")[2].split()
+        except OSError:
+            continue
+        parents[int(entry.name)] = int(fields[1])
+        used[int(entry.name)] = (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+    def below(pid: int) -> bool:
+        while pid not in (root, without, 0):
+            pid = parents.get(pid, 0)
+        return pid == root
+
+    return sum(seconds for pid, seconds in used.items() if below(pid))
+
+
 class Hands:
     """What a user does on one page."""
 
@@ -113,11 +133,16 @@ class Hands:
         self.page.wait_for_function(
             "old => document.querySelector('.place').innerText !== old", arg=before
         )
-        return int(self.place.split()[1])
+        return self.frame
 
     @property
     def place(self) -> str:
         return self.page.locator(".place").inner_text()
+
+    @property
+    def frame(self) -> int:
+        """Number of the frame that is looked at."""
+        return int(self.place.split()[1])
 
     def download(self, kind: str, folder: Path) -> Path:
         with self.page.expect_download() as started:
