@@ -1,5 +1,6 @@
 """Frames by number: the same ones that a source yields in order, and nothing of other files."""
 
+import weakref
 from collections.abc import Callable
 from pathlib import Path
 
@@ -54,6 +55,14 @@ def test_only_few_frames_are_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
         for index in (*range(20), *range(19, -1, -1)):
             assert clip[index].index == index
         assert len(clip._kept) == 2
+
+
+def test_a_closed_clip_holds_no_frame(tmp_path: Path) -> None:
+    clip = Clip(write_clip(tmp_path / "clip.mp4", 5))
+    frame = weakref.ref(clip[3].image)
+    assert frame() is not None
+    clip.close()
+    assert frame() is None and clip[3].index == 3  # and it may be used again
 
 
 @pytest.mark.parametrize(

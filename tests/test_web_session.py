@@ -1,5 +1,6 @@
 """What a page works on: objects are added, corrected and removed while time goes to and fro."""
 
+import weakref
 from collections.abc import Generator
 from pathlib import Path
 
@@ -108,6 +109,16 @@ def test_the_end_and_a_box_outside(session: Session) -> None:
     with pytest.raises(EntrackError, match="outside"):
         session.put(1, (1000, 1000, 20, 20))
     assert len(session.targets) == 1
+
+
+def test_a_closed_session_holds_no_tracker() -> None:
+    tracker = entrack.load(threads=1)
+    session = Session(Clip(CLIP), tracker)
+    session.put(0, CUP)
+    held = [weakref.ref(tracker), weakref.ref(session.targets[0].tracker)]
+    del tracker
+    session.close()
+    assert [reference() for reference in held] == [None, None]
 
 
 def test_a_recording_grows_and_ends_when_it_is_full(tmp_path: Path) -> None:

@@ -75,7 +75,7 @@ class Clip:
             raise IndexError(index)
         while index not in self._kept:
             if self._reading is None or not self._next <= index < self._next + _NEAR:
-                self.close()
+                self._stop()
                 self._reading = self._read(index)
             frame = next(self._reading, None)
             if frame is None:  # the index promised more than can be decoded
@@ -129,7 +129,11 @@ class Clip:
         return container
 
     def close(self) -> None:
-        """Let go of the file."""
+        """Let go of the file, and of the frames that are kept."""
+        self._stop()
+        self._kept.clear()
+
+    def _stop(self) -> None:
         if self._reading:
             self._reading.close()
             self._reading = None

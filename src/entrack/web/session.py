@@ -157,8 +157,10 @@ class Session:
                 yield (index - frames.start + 1) / len(frames)
 
     def close(self) -> None:
-        """Let go of the footage."""
+        """Let go of the footage and the trackers, whoever still holds the session."""
         self.footage.close()
+        self.targets.clear()
+        del self._tracker
 
     def __enter__(self) -> Self:
         return self
