@@ -73,7 +73,7 @@ def busy(processes: int) -> Generator[None, None, None]:
 def shown(hands: Hands, server: int, seconds: float) -> dict[str, float]:
     """Track for some seconds: rates, and processor milliseconds for each picture."""
     hands.click("Track")
-    hands.page.wait_for_selector(".track:has-text('Pause')")
+    hands.wait_for(".track:has-text('Pause')")
     time.sleep(WARM)
     hands.page.evaluate(COUNT)
     began, first = time.monotonic(), hands.frame

@@ -42,11 +42,11 @@ def use(hands: Hands, folder: Path) -> None:
     hands.click("Track")
     time.sleep(4)
     hands.click("Pause")
-    page.wait_for_selector(".track:has-text('Track')")
+    hands.wait_for(".track:has-text('Track')")
     hands.seek(0.05)
     hands.drag(CUPS[0], SIZE)
     hands.click("Add an object")
-    page.wait_for_selector(".message:has-text('another object')")
+    hands.wait_for(".message:has-text('another object')")
     hands.drag(CUPS[1], SIZE)
     page.wait_for_function("document.querySelectorAll('.object').length === 2")
     hands.track()
@@ -54,7 +54,7 @@ def use(hands: Hands, folder: Path) -> None:
     hands.click("Remove object 1")
     page.wait_for_function("document.querySelectorAll('.object').length === 1")
     hands.click("Another video")
-    page.wait_for_selector(".drop")
+    hands.wait_for(".drop")
 
 
 def main() -> int:

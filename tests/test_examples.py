@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from entrack.video import open_source
-from fakes import write_clip
+from fakes import ball, write_clip
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 BOX = "10,12,24,20"
@@ -46,9 +46,37 @@ def test_a_tracker_agrees_with_itself(clip: str) -> None:
     assert "agree to a mean IoU of" in run("compare.py", clip, BOX, "cf", "opencv:mosse")
 
 
+def test_a_policy_of_ones_own_is_better_than_none(tmp_path: Path) -> None:
+    pytest.importorskip("gymnasium", reason="needs the extra train")
+    write_clip(tmp_path / "ball.mp4", 30)
+    rows = [",".join(map(str, ball(t)[1])) for t in range(30)]
+    (tmp_path / "ball.txt").write_text("\n".join(rows))
+    peak, stay = run("custom_policy.py", f"folder:{tmp_path}").splitlines()
+    assert peak.startswith("follow_the_peak") and stay.startswith("stay")
+    assert float(peak.split()[2]) > float(stay.split()[2])
+    assert float(peak.split()[-1]) > 0.6
+
+
+def test_the_notebook_runs_and_is_kept_with_small_pictures() -> None:
+    nbformat = pytest.importorskip("nbformat", reason="needs nbclient")
+    nbclient = pytest.importorskip("nbclient", reason="needs nbclient")
+    pytest.importorskip("matplotlib", reason="needs the extra report")
+    path = EXAMPLES / "tour.ipynb"
+    assert path.stat().st_size < 400_000
+    kept = nbformat.read(path, 4)
+    fresh = nbclient.NotebookClient(nbformat.read(path, 4), timeout=300).execute()
+    for there, here in zip(kept.cells, fresh.cells, strict=True):
+        kinds = [[sorted(o.get("data", o)) for o in c.get("outputs", [])] for c in (there, here)]
+        assert kinds[0] == kinds[1]
+    pictures = [o for cell in kept.cells for o in cell.get("outputs", []) if "data" in o]
+    assert len(pictures) == 3
+    agreement = fresh.cells[-2].outputs[0].text
+    assert float(agreement.split()[6].rstrip(",")) > 0.7
+
+
 def test_every_example_is_listed_and_run() -> None:
     listed = (EXAMPLES / "README.md").read_text()
     tests = Path(__file__).read_text()
-    for path in EXAMPLES.glob("*.py"):
+    for path in [*EXAMPLES.glob("*.py"), *EXAMPLES.glob("*.ipynb")]:
         assert f"`{path.name}`" in listed
         assert f'"{path.name}"' in tests

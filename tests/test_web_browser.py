@@ -120,7 +120,7 @@ def test_a_corrected_box_is_gone_on_from(visit: Opener, clip: Path, tmp_path: Pa
     middle = hands.seek(0.5)
     assert middle == pytest.approx(FRAMES / 2, abs=2)
     box = hands.drag(OTHER, SIZE)
-    hands.page.wait_for_selector(".message:has-text('Press Track')")
+    hands.wait_for(".message:has-text('Press Track')")
     corrected = boxes_of(rows_of(hands.download("CSV", tmp_path)))
     assert len(corrected) == middle + 1  # what was known of later frames no longer holds
     hands.track()
@@ -137,7 +137,7 @@ def test_two_objects(visit: Opener, clip: Path, tmp_path: Path) -> None:
     hands.wait_for_video()
     hands.drag(BALL, SIZE)
     hands.click("Add an object")
-    hands.page.wait_for_selector(".message:has-text('another object')")
+    hands.wait_for(".message:has-text('another object')")
     hands.drag(OTHER, SIZE)
     hands.page.wait_for_function("document.querySelectorAll('.object').length === 2")
     hands.track()
@@ -158,11 +158,11 @@ def test_steps_pause_and_keys(visit: Opener, clip: Path) -> None:
     hands.drag(BALL, SIZE)
     for key, frame in (("ArrowRight", 1), ("ArrowRight", 2), ("ArrowLeft", 1)):
         hands.page.keyboard.press(key)
-        hands.page.wait_for_selector(f".place:has-text('frame {frame} ')")
+        hands.wait_for(f".place:has-text('frame {frame} ')")
     assert hands.page.locator(".boxes .box").count() == 1
     hands.click("Track")
     hands.click("Pause")
-    hands.page.wait_for_selector(".track:has-text('Track')")
+    hands.wait_for(".track:has-text('Track')")
     place = hands.place
     time.sleep(0.5)
     assert hands.place == place and int(place.split()[1]) < FRAMES - 1
@@ -182,7 +182,7 @@ def test_a_wrong_file_is_refused_in_words(
 ) -> None:
     hands = visit()
     hands.upload({"name": name, "mimeType": "", "buffer": content})
-    hands.page.wait_for_selector(f".error:has-text('{said}')")
+    hands.wait_for(f".error:has-text('{said}')")
     assert "/" not in hands.page.locator(".error").inner_text()
     hands.click("Try the example")
     hands.wait_for_video()
@@ -198,7 +198,7 @@ def test_a_large_file_is_refused_before_it_is_sent(visit: Opener, tmp_path: Path
     sent: list[str] = []
     hands.page.on("request", lambda request: sent.append(request.method))
     hands.upload(str(large))
-    hands.page.wait_for_selector(".error:has-text('more than 20 MB')")
+    hands.wait_for(".error:has-text('more than 20 MB')")
     assert "POST" not in sent
     assert hands.page.locator(".stage").count() == 0
 
@@ -213,7 +213,7 @@ def test_two_pages_at_once_do_not_mix(visit: Opener, clip: Path, tmp_path: Path)
     for hands in pages:
         hands.click("Track")
     for hands, box in zip(pages, boxes, strict=True):
-        hands.page.wait_for_selector(f".place:has-text('frame {FRAMES - 1} ')")
+        hands.wait_for(f".place:has-text('frame {FRAMES - 1} ')")
         rows = rows_of(hands.download("CSV", tmp_path))
         alone = [estimate.box for _, estimate in entrack.track(clip, box)]
         np.testing.assert_allclose(boxes_of(rows)[:, :4], alone, atol=1e-3)
@@ -227,7 +227,7 @@ def test_closing_a_page_stops_its_work_and_deletes_its_files(browser: Any, tmp_p
         hands.wait_for_video()
         hands.drag(BALL, SIZE)
         hands.click("Add an object")
-        hands.page.wait_for_selector(".message:has-text('another object')")
+        hands.wait_for(".message:has-text('another object')")
         hands.drag(OTHER, SIZE)
         began = time.monotonic()
         hands.click("Track")
@@ -256,7 +256,7 @@ def test_a_finger_draws_too(visit: Opener) -> None:
         point = {"x": at["x"] + (share or 0) * at["width"], "y": at["y"] + 60 + 200 * (share or 0)}
         points = [] if share is None else [point]
         touch.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
-    hands.page.wait_for_selector(".boxes .box")
+    hands.wait_for(".boxes .box")
     assert hands.page.evaluate("scrollY") == 0
 
 
@@ -270,7 +270,7 @@ def test_the_camera_of_the_browser(visit: Opener, tmp_path: Path) -> None:
         "Number(document.querySelector('.place')?.innerText.split(' ')[1]) > 15"
     )
     hands.click("Pause")
-    hands.page.wait_for_selector(".track:has-text('Track')")
+    hands.wait_for(".track:has-text('Track')")
     rows = rows_of(hands.download("CSV", tmp_path))
     assert [int(row["frame"]) for row in rows] == list(range(len(rows))) and len(rows) > 15
 
@@ -285,7 +285,7 @@ def test_select_draws_in_the_browser_and_goes_on_in_the_terminal(
         hands.wait_for_video()
         box = hands.drag(BALL, SIZE)
         hands.click("Track")
-        hands.page.wait_for_selector("h2:has-text('Tracking goes on in the terminal')")
+        hands.wait_for("h2:has-text('Tracking goes on in the terminal')")
         assert process.wait(120) == 0
         hands.page.close()
     rows = rows_of(out)

@@ -77,7 +77,7 @@ class Hands:
         page.on("console", self._listen)
         page.on("pageerror", lambda error: self.complaints.append(str(error)))
         self._open(address)
-        self.page.wait_for_selector(ready)
+        self.wait_for(ready)
 
     def _open(self, address: str) -> None:
         for wait in (0.2, 0.5, 1, 2, 4, 8):  # the server says its address before it answers
@@ -116,14 +116,18 @@ class Hands:
         )
         return np.concatenate([low, high - low])
 
+    def wait_for(self, selector: str) -> None:
+        """Wait until something like it is there; no handle stays, which would keep it alive."""
+        self.page.locator(selector).first.wait_for()
+
     def click(self, text: str) -> None:
         self.page.get_by_role("button", name=text, exact=True).click()
 
     def track(self) -> None:
         """Press Track and wait until it has come to the end."""
         self.click("Track")
-        self.page.wait_for_selector(".track:has-text('Pause')")
-        self.page.wait_for_selector(".track:has-text('Track')")
+        self.wait_for(".track:has-text('Pause')")
+        self.wait_for(".track:has-text('Track')")
 
     def seek(self, share: float) -> int:
         """Click into the curve; return the frame."""

@@ -141,7 +141,7 @@ class Tracker:
             [windows.crop(frame, w, self.config.window.border) for w in windows_]
         )
         self._targets = [
-            _Target(box, box, x * self._taper, self._fit(x * self._taper))
+            _Target(box, box, x * self._taper, self.fit(x * self._taper))
             for box, x in zip(started, features, strict=True)
         ]
         if self.policy:
@@ -234,7 +234,7 @@ class Tracker:
         for k, target in enumerate(self._targets):
             of_target = looks[k * len(self._zooms) : (k + 1) * len(self._zooms)]
             spectra = cf.spectrum(np.stack([z for _, z in of_target]) * self._taper)
-            responses = cf.respond(target.weights, spectra)
+            responses = self.respond(target.weights, spectra)
             target.looks = [Look(p, z, m) for (p, z), m in zip(of_target, responses, strict=True)]
             target.look = target.looks[len(self._zooms) // 2]
             target.state = self._state(target)
@@ -253,7 +253,7 @@ class Tracker:
         frame = windows.as_bgr(image)
         [x] = self._features([self._patch(frame, np.asarray(truth, np.float64))])
         target.template, target.unlearned = x * self._taper, None
-        target.weights = self._fit(target.template)
+        target.weights = self.fit(target.template)
 
     def _state(self, target: _Target) -> State | None:
         if self.policy is None or target.look is None:
@@ -335,10 +335,15 @@ class Tracker:
     def _learn(self, target: _Target, seen: cf.Features) -> None:
         """Eq. 14. No frame needs Ŵ before the next one's response, so X' shares its trunk batch."""
         target.template = cf.update(target.template, seen, self.config.update.rate)
-        target.weights = self._fit(target.template)
+        target.weights = self.fit(target.template)
 
-    def _fit(self, template: cf.Features) -> cf.Spectrum:
+    def fit(self, template: cf.Features) -> cf.Spectrum:
+        """Ŵ for a template (eq. 2); override it and `respond` to try another filter."""
         return cf.fit(cf.spectrum(template), self._label, self.config.filter.regularisation)
+
+    def respond(self, weights: cf.Spectrum, candidates: cf.Spectrum) -> cf.Features:
+        """M of each candidate Ẑ (eq. 3)."""
+        return cf.respond(weights, candidates)
 
     def _patch(self, frame: windows.Image, box: Boxes, zoom: float = 1.0) -> windows.Image:
         """What the search window around `box` sees."""
