@@ -19,11 +19,12 @@ from entrack.video import VideoWriter, open_source
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "tests"))
-from web_page import ARGUMENTS, CHROMIUM, Hands, served  # noqa: E402
+from web_page import ARGUMENTS, CHROMIUM, Hands, running, served  # noqa: E402
 
 OUT = ROOT / "docs" / "assets"
 SIZE = (640, 360)
 CUPS = ((148, 153, 102, 94), (286, 153, 102, 94))
+FRAME = "document.querySelector('.place').innerText.split(' ')[1]"
 SCREENS = {
     "desktop": {"viewport": {"width": 1280, "height": 860}},
     "phone": {"viewport": {"width": 390, "height": 844}, "has_touch": True, "is_mobile": True},
@@ -45,23 +46,63 @@ def states(hands: Hands, clip: Path, shot: Callable[[str], None]) -> None:
     page = hands.page
     shot("start")
     hands.upload({"name": "notes.mp4", "mimeType": "video/mp4", "buffer": b"not a video"})
-    page.wait_for_selector(".error:has-text('not a video')")
+    hands.wait_for(".error:has-text('not a video')")
     shot("refused")
     hands.upload(str(clip))
     hands.wait_for_video()
     page.wait_for_timeout(300)
     shot("first-frame")
-    hands.drag(CUPS[0], SIZE)
+    at = page.locator(".stage").bounding_box()
+    x, y, w, h = (side * at["width"] / SIZE[0] for side in CUPS[0])
+    page.mouse.move(at["x"] + x, at["y"] + y)
+    page.mouse.down()
+    page.mouse.move(at["x"] + x + 0.8 * w, at["y"] + y + 0.7 * h)
+    hands.wait_for(".box.drawn")
+    shot("drawing")
+    page.mouse.move(at["x"] + x + w, at["y"] + y + h)
+    page.mouse.up()
+    hands.wait_for(".object")
     hands.click("Add an object")
-    page.wait_for_selector(".message:has-text('another')")
+    hands.wait_for(".message:has-text('another')")
+    shot("adding")
     hands.drag(CUPS[1], SIZE)
     page.wait_for_function("document.querySelectorAll('.object').length === 2")
-    hands.track()
+    hands.click("Track")
+    page.wait_for_function(f"Number({FRAME}) > 8")
+    shot("tracking")
+    hands.wait_for(".track:has-text('Track')")
     page.wait_for_timeout(400)
     shot("lost")
     hands.seek(0.6)
     page.wait_for_timeout(400)
     shot("tracked")
+
+
+def sigma(hands: Hands, shot: Callable[[str], None]) -> None:
+    """A model that says how sure it is."""
+    hands.click("Try the example")
+    hands.wait_for_video()
+    hands.drag(CUPS[0], SIZE)
+    hands.click("Track")
+    hands.page.wait_for_function(f"Number({FRAME}) > 30")
+    hands.click("Pause")
+    hands.wait_for(".track:has-text('Track')")
+    shot("sigma")
+
+
+def selecting(browser: Any, scheme: str) -> None:
+    """The page of `entrack track --select`."""
+    clip = str(assets() / "demo" / "clip.mp4")
+    call = [sys.executable, "-m", "entrack", "track", clip, "--select", "--stop", "2"]
+    with running(call) as (_, address):
+        page = browser.new_page(**SCREENS["desktop"], color_scheme=scheme)
+        hands = Hands(page, address, ready=".stage")
+        hands.wait_for_video()
+        hands.drag(CUPS[0], SIZE)
+        shoot(page, "desktop", scheme, "select")
+        hands.click("Track")
+        hands.wait_for("h2:has-text('goes on in the terminal')")
+        page.close()
 
 
 def way_of_a_frame(folder: Path) -> None:
@@ -78,6 +119,7 @@ def main() -> None:
     with (
         tempfile.TemporaryDirectory() as folder,
         served(Path(folder)) as address,
+        served(Path(folder), "--model", "policy") as unsure,
         sync_playwright() as playwright,
     ):
         way_of_a_frame(Path(folder))
@@ -88,6 +130,10 @@ def main() -> None:
                 page = browser.new_page(**options, color_scheme=scheme)
                 states(Hands(page, address), clip, partial(shoot, page, screen, scheme))
                 page.context.close()
+        for scheme in ("light", "dark"):
+            page = browser.new_page(**SCREENS["desktop"], color_scheme=scheme)
+            sigma(Hands(page, unsure), partial(shoot, page, "desktop", scheme))
+            selecting(browser, scheme)
 
 
 def shoot(page: Any, screen: str, scheme: str, state: str) -> None:
