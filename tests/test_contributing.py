@@ -66,3 +66,11 @@ def test_the_trackers(written: Path, spec: str) -> None:
     assert iou(estimate.box, ball(11)[1]) > 0.6
     if spec.startswith("peak"):
         assert estimate.sigma is not None and (estimate.sigma > 0).all()
+
+
+def test_pages_name_tests_that_exist() -> None:
+    there = "\n".join(path.read_text() for path in Path(__file__).parent.glob("test_*.py"))
+    pages = (Path(__file__).parents[1] / "docs").glob("*.md")
+    named = {name for page in pages for name in re.findall(r"`(test_\w+)`", page.read_text())}
+    assert len(named) > 25
+    assert [name for name in sorted(named) if f"def {name}(" not in there] == []
