@@ -32,12 +32,13 @@ class Panel:
         with ui.element("div").classes("panel"):
             with ui.element("section"):
                 ui.label("Objects").classes("title")
+                self._none = ui.label("None yet: drag a box in the picture.").classes("hint")
                 self._objects = ui.element("div").classes("objects")
                 self._add = ui.button(
                     "Add an object", icon="add", on_click=lambda: select(len(self._rows))
                 )
                 self._add.props("flat no-caps dense").mark("add")
-            with ui.element("section"):
+            with ui.element("section") as self._looks:
                 ui.label("What the tracker sees").classes("title")
                 with ui.element("div").classes("looks"):
                     self._search = _picture("search window")
@@ -65,15 +66,17 @@ class Panel:
                 ]
         for number, (row, estimate) in enumerate(zip(self._rows, estimates, strict=True)):
             row.update(estimate, number == selected)
+        self._none.set_visibility(not estimates)
         self._add.set_visibility(0 < len(estimates) and selected < len(estimates))
         for button in self._buttons:
             button.set_enabled(bool(estimates))
         if shot.details:
             self._search.set_source(shot.details.search)
             self._response.set_source(shot.details.response)
+            self._looks.set_visibility(bool(shot.details.response))
         ms = sum(e.ms for e in estimates if e is not None)
-        speed = f"{ms:.0f} ms a frame to track" if ms else ""
-        self._speed.set_text(speed + (f" · {shown:.0f} frames/s shown" if shown else ""))
+        rate = f" · {shown:.0f} frames/s shown" if shown else ""
+        self._speed.set_text(f"{ms:.0f} ms a frame to track{rate}")
 
 
 class _Row:

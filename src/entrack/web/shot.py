@@ -3,8 +3,6 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from entrack.looks import coloured
 from entrack.tracker import Estimate
 from entrack.web import views
@@ -54,10 +52,9 @@ def _details(session: Session, number: int) -> Details:
     tracks = [target.estimates for target in session.targets]
     chart = views.chart(tracks, len(session.footage))
     estimate = dict(enumerate(session.estimates)).get(number)
-    if estimate is None:
+    heat = session.targets[number].heats.get(session.frame.index) if estimate else None
+    if estimate is None or heat is None:
         return Details(chart)
     x, y, w, h = estimate.search
     search = crop(session.frame.image, Window(x, y, w, h, SIDE))
-    heat = session.targets[number].heats.get(session.frame.index)
-    heat = np.zeros((2, 2), np.uint8) if heat is None else heat
     return Details(chart, views.data_url(search), views.data_url(coloured(heat, SIDE)))
