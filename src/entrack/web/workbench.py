@@ -29,6 +29,9 @@ _SHARE = """(e) => {
     emit((e.clientX - r.left) / r.width);
 }"""
 
+# Keys do not step while a button has the focus, as a click of the mouse would leave it there.
+_UNFOCUS = "(e) => { if (e.detail) document.activeElement.blur(); }"
+
 
 class Workbench:
     """Everything that is done with one video on one page.
@@ -61,7 +64,8 @@ class Workbench:
         self.refresh()
 
     def _build(self) -> None:
-        with ui.element("div").classes("workbench"):
+        with ui.element("div").classes("workbench") as bench:
+            bench.on("click", js_handler=_UNFOCUS)
             with ui.element("div").classes("watch"):
                 self.stage = Stage(self.pause, self.put)
                 self.stage.image.on("loaded", self._on_loaded, args=[])
