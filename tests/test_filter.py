@@ -73,6 +73,18 @@ def test_peak_follows_a_shifted_target(shift: tuple[int, int]):
     assert peak.psr > 10
 
 
+def test_equation_2_as_printed_does_not_follow_the_target():
+    found = 0
+    for seed in range(20):
+        x = np.random.default_rng(seed).normal(size=(32, 18, 18)).astype(np.float32)
+        template, label = cf.spectrum(x), cf.spectrum(cf.label(18, 0.6))
+        printed = cf.fit(template, label, 0.01).conj() * label / label.conj()  # Ŷ X̂ above
+        moved = cf.spectrum(np.roll(x, (2, -3), axis=(-2, -1)))
+        peak = cf.peak(cf.respond(printed, moved))
+        found += (round(peak.dy), round(peak.dx)) == (2, -3)
+    assert found < 10
+
+
 def test_peak_is_found_between_cells():
     d = np.arange(18) - 9
     response = np.exp(-((d[:, None] + 2.3) ** 2 + (d[None, :] - 1.6) ** 2) / 2).astype(np.float32)

@@ -13,6 +13,7 @@ import pytest
 
 import entrack
 from entrack.cli.app import main
+from entrack.datasets import open_dataset
 from entrack.model import assets
 from entrack.video import open_source
 from web_page import ARGUMENTS, CHROMIUM, Hands, cpu, running, served
@@ -204,6 +205,23 @@ def test_a_large_file_is_refused_before_it_is_sent(visit: Opener, tmp_path: Path
     hands.wait_for(".error:has-text('more than 20 MB')")
     assert "POST" not in sent
     assert hands.page.locator(".stage").count() == 0
+
+
+def test_the_harder_example_loses_its_target_and_says_so(visit: Opener, tmp_path: Path) -> None:
+    hands = visit()
+    hands.click("Try a harder one")
+    hands.wait_for_video()
+    sequence = open_dataset("synthetic:hard,count=4")[3]
+    hands.drag(sequence.boxes[0], (480, 360))
+    hands.click("Track")
+    hands.page.wait_for_function(
+        "document.querySelector('.object.lost .words')?.innerText === 'LOST'"
+        " && document.querySelector('.message.lost')?.innerText.startsWith('Object 1 lost.')"
+    )
+    hands.wait_for(f".place:has-text('frame {len(sequence) - 1} ')")
+    rows = rows_of(hands.download("CSV", tmp_path))
+    lost = [int(row["frame"]) for row in rows if int(row["lost"])]
+    assert lost and sequence.absent[max(lost) - 10 : max(lost) + 1].any()
 
 
 def test_two_pages_at_once_do_not_mix(visit: Opener, clip: Path, tmp_path: Path) -> None:

@@ -1,5 +1,6 @@
 """The page before there is a video: upload one, take the example, or the camera."""
 
+import asyncio
 import re
 from collections.abc import Awaitable, Callable
 from pathlib import Path
@@ -9,6 +10,7 @@ from nicegui.events import GenericEventArguments, UploadEventArguments
 
 from entrack.errors import EntrackError
 from entrack.model import assets
+from entrack.video import VideoWriter
 from entrack.web.camera import SCRIPT
 
 SUFFIXES = ".mp4 .m4v .mov .mkv .webm .avi .mpg .mpeg .ts .mts .3gp .wmv .flv .ogv .gif".split()
@@ -48,8 +50,10 @@ class Start:
             with ui.element("div").classes("others"):
                 example = ui.button("Try the example", icon="play_circle").mark("example")
                 example.on_click(lambda: self._take(_EXAMPLE, "example.mp4"))
+                harder = ui.button("Try a harder one", icon="visibility_off").mark("harder")
+                harder.on_click(self._harder)
                 lens = ui.button("Use the camera", icon="videocam").mark("camera")
-                for button in (example, lens):
+                for button in (example, harder, lens):
                     button.props("flat no-caps")
                 start = f"({SCRIPT})('{camera}').catch((e) => emit(e.message))"
                 lens.on("click", self._no_camera, js_handler=f"() => {start}")
@@ -97,12 +101,28 @@ class Start:
             if path != _EXAMPLE:
                 path.unlink(missing_ok=True)
 
+    async def _harder(self) -> None:
+        self._busy.set_visibility(True)
+        path = await asyncio.to_thread(hide_and_seek, self._folder / "harder.mp4")
+        await self._take(path, path.name)
+
     def _no_camera(self, event: GenericEventArguments) -> None:
         self._complain(f"The camera cannot be used: {event.args}.")
 
     def _complain(self, why: str) -> None:
         self._error.set_text(why)
         self._busy.set_visibility(False)
+
+
+def hide_and_seek(path: Path) -> Path:
+    """Write a made video whose blue thing is hidden for a while, and later leaves the picture."""
+    from entrack.datasets import open_dataset
+
+    sequence = open_dataset("synthetic:hard,count=4")[3]
+    with VideoWriter(path, 30) as video:
+        for index in range(len(sequence)):
+            video.write(sequence.frames[index], index / 30)
+    return path
 
 
 def safe_name(name: str) -> str:
