@@ -2,6 +2,7 @@
 
 import http.client
 import socket
+import tempfile
 import time
 from collections.abc import Generator
 from pathlib import Path
@@ -70,6 +71,16 @@ def test_a_taken_port_is_said(capsys: pytest.CaptureFixture[str]) -> None:
         port = taken.getsockname()[1]
         assert main(["serve", "--no-show", "--port", str(port)]) == 1
     assert f"cannot listen on 127.0.0.1:{port}" in capsys.readouterr().err
+
+
+def test_the_scratch_folder_is_gone_in_the_end_and_temporary_files_go_elsewhere() -> None:
+    from entrack.web.server import scratch
+
+    before = tempfile.gettempdir()
+    with scratch() as folder:
+        with tempfile.NamedTemporaryFile() as file:
+            assert Path(file.name).parent == Path(folder)
+    assert not Path(folder).exists() and tempfile.gettempdir() == before
 
 
 def test_a_wrong_model_is_said_before_anything_is_served(

@@ -2,7 +2,8 @@
 
 import socket
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Generator
+from contextlib import contextmanager
 from typing import Any
 
 from nicegui import app, ui
@@ -67,11 +68,16 @@ def serve(
     )
 
 
-def scratch() -> tempfile.TemporaryDirectory[str]:
+@contextmanager
+def scratch() -> Generator[str, None, None]:
     """A folder for everything that is written while serving, uploads on their way in included."""
-    folder = tempfile.TemporaryDirectory(prefix="entrack-")
-    tempfile.tempdir = folder.name
-    return folder
+    before = tempfile.tempdir
+    with tempfile.TemporaryDirectory(prefix="entrack-") as folder:
+        tempfile.tempdir = folder
+        try:
+            yield folder
+        finally:
+            tempfile.tempdir = before
 
 
 def _free(host: str, port: int) -> int:
