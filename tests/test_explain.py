@@ -12,7 +12,7 @@ from entrack.cli.app import main
 from entrack.looks import coloured, principal
 from entrack.tracker import Estimate
 from entrack.video import open_source
-from fakes import write_clip
+from fakes import ball, write_clip
 
 BOX = "10,12,24,20"
 
@@ -51,6 +51,29 @@ def test_a_figure_of_one_frame(clip: str, tmp_path: Path, suffix: str) -> None:
         text = out.read_text()
         for words in ("search window", "features Z", "response M", "160×120, frame 5"):
             assert words in text
+
+
+def test_a_result_of_a_run_knows_its_frames_box_and_model(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    data, out = tmp_path / "data", tmp_path / "way.svg"
+    data.mkdir()
+    write_clip(data / "ball.mp4", 8)
+    (data / "ball.txt").write_text("\n".join(",".join(map(str, ball(t)[1])) for t in range(8)))
+    call = ["evaluate", "--data", f"folder:{data}", "--out", str(tmp_path / "run")]
+    assert main([*call, "--tracker", "cf-baseline", "opencv:mosse"]) == 0
+    run = tmp_path / "run" / "folder"
+    call = ["explain", str(run / "cf-baseline" / "ball.txt"), "--out", str(out)]
+    assert main([*call, "--frame", "5"]) == 0
+    assert "160×120, frame 5" in out.read_text()
+    capsys.readouterr()
+    for source, said in (
+        (run / "opencv-mosse" / "ball.txt", "only models of entrack"),
+        (tmp_path / "ball.txt", "no result of a run"),
+        (data / "ball.mp4", "a video needs --box"),
+    ):
+        assert main(["explain", str(source), "--out", str(out)]) == 2
+        assert said in capsys.readouterr().err
 
 
 def test_a_film_of_all_frames_but_the_first(clip: str, tmp_path: Path) -> None:

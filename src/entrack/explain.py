@@ -1,6 +1,7 @@
 """The way of a frame as a figure for a paper, or a film: frame, search window, Z, z, M, box."""
 
 import io
+import json
 from collections.abc import Generator
 from contextlib import closing
 from itertools import pairwise
@@ -17,11 +18,13 @@ from matplotlib.patches import ConnectionPatch, Rectangle
 
 from entrack import box as boxes_
 from entrack.box import Boxes
+from entrack.datasets import open_dataset
 from entrack.datasets.frames import Image
 from entrack.errors import EntrackError
 from entrack.files import write_bytes
 from entrack.filter import Features
 from entrack.looks import principal
+from entrack.peers import parse
 from entrack.run import follow
 from entrack.tracker import Estimate, Look, Tracker
 from entrack.video import Frame, Source, VideoWriter
@@ -154,6 +157,28 @@ def explain(
                 Way(image, estimate, look).save(out)
                 return
     raise EntrackError(f"{source.name} ends before frame {frame}")
+
+
+def of_run(result: Path) -> tuple[Source, Boxes, str]:
+    """From a result file of `entrack evaluate`: its sequence, the first box, and the model.
+
+    Raises
+    ------
+    EntrackError
+        If the file lies in no run's folder, or its tracker is no model of entrack.
+    """
+    tracker, dataset = result.parent / "run.json", result.parents[1] / "dataset.json"
+    if not (tracker.is_file() and dataset.is_file()):
+        raise EntrackError(f"{result} is no result of a run: expected RUN/DATASET/TRACKER/NAME.txt")
+    spec, data = (json.loads(path.read_text("utf-8")) for path in (tracker, dataset))
+    if parse(spec["spec"]).kind != "model":
+        raise EntrackError(f"only models of entrack can be explained, found {spec['spec']}")
+    opened = open_dataset(f"{data['format']}:{data['place']}")
+    if result.stem not in opened.names:
+        raise EntrackError(f"{opened.root} has no sequence {result.stem}")
+    sequence = opened.read(result.stem)
+    frames = (Frame(i, i / 25, image) for i, image in enumerate(sequence.frames))
+    return Source(sequence.name, frames, 25, len(sequence)), sequence.boxes[0], spec["spec"]
 
 
 def _film(
