@@ -57,7 +57,7 @@ class Workbench:
         self._lock = asyncio.Lock()
         self._thread = ThreadPoolExecutor(1, "entrack-page")
         self._wanted = 0
-        self._sent = self._panel_due = 0.0
+        self._sent = self._due = self._panel_due = 0.0
         self._under_way = 0
         self._rate = 0.0
         self._build()
@@ -182,6 +182,8 @@ class Workbench:
             return await self._call(call, *args, **kwargs)
 
     async def _call(self, call: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T:
+        if self.closed:  # while it waited for its turn: nobody is there to see what it does
+            raise asyncio.CancelledError
         loop = asyncio.get_running_loop()
         return await loop.run_in_executor(self._thread, partial(call, *args, **kwargs))
 
@@ -219,8 +221,8 @@ class Workbench:
                 time.sleep(due - time.perf_counter())
 
     def _may_show(self) -> bool:
-        waited = time.perf_counter() - self._sent
-        return waited >= _UNLOADED or (self._under_way < _AHEAD and waited >= _SHOWN)
+        now = time.perf_counter()
+        return now >= self._sent + _UNLOADED or (self._under_way < _AHEAD and now >= self._due)
 
     def _next_shot(self) -> Shot:
         """What to show now; the numbers beside the picture are only in it where they are due."""
@@ -231,6 +233,7 @@ class Workbench:
         else:
             self._rate = 0.9 * (self._rate or rate) + 0.1 * rate
         self._sent, self._under_way = now, self._under_way + 1
+        self._due = max(self._due + _SHOWN, now)  # a picture that came late lets the next be early
         full = now >= self._panel_due
         self._panel_due = now + _PANEL if full else self._panel_due
         return take(self.session, self.stage.number, full)
