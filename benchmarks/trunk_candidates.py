@@ -8,6 +8,7 @@ SHARED is the folder of the research data; each candidate takes about seven minu
 
 import argparse
 import csv
+import shutil
 from pathlib import Path
 from statistics import median
 from time import perf_counter
@@ -27,16 +28,22 @@ from entrack.trunks.finetune import FinetuneConfig
 from entrack.trunks.material import gather
 from entrack.trunks.networks import StudentConfig
 from entrack.trunks.quantise import quantise
+from entrack.trunks.pairs import PairConfig
 from entrack.trunks.train import TrunkTrainConfig, train_trunk
 
 CANDIDATES = {
+    "wide": StudentConfig(widths=(32, 96, 192), depths=(1, 2, 2)),  # the shipped trunk's shape
     "half": StudentConfig(widths=(32, 64, 128), depths=(1, 2, 2)),
-    "wide": StudentConfig(widths=(32, 96, 192), depths=(1, 2, 2)),
-    "late": StudentConfig(widths=(32, 64, 256), depths=(1, 2, 2)),
     "deep": StudentConfig(widths=(32, 64, 128), depths=(1, 2, 4)),
+    "stem": StudentConfig(stem=(24, 48), widths=(48, 96, 160), depths=(1, 2, 2)),
     "rep": StudentConfig(widths=(32, 64, 128), depths=(2, 4, 6), block="rep"),
     "separable": StudentConfig(widths=(32, 64, 128), depths=(2, 3, 4), block="separable"),
+    "wide-224": StudentConfig(widths=(32, 96, 192), depths=(1, 2, 2)),
+    "wide-192": StudentConfig(widths=(32, 96, 192), depths=(1, 2, 2)),
 }
+SIZES = {"wide-224": 224, "wide-192": 192}
+"""Sides of the patches that are not 288: distilled as "wide", which must come first."""
+CROPS, PAIRS = 16_000, 2_400
 STARTS, FRAMES = (0, 50, 100, 150), 70
 PRESETS = assets().parent / "presets"
 
@@ -54,13 +61,17 @@ def train(shared: Path, out: Path, names: list[str]) -> None:
         print,
     )
     for name in names:
+        pair = PairConfig(size=SIZES.get(name, 288))
         config = TrunkTrainConfig(
             material=full.material,
             student=CANDIDATES[name],
-            distil=DistilConfig(crops=32_000),
-            finetune=(FinetuneConfig(pairs=4_800, lr=5e-4, made=0.2),),
+            distil=DistilConfig(crops=CROPS),
+            finetune=(FinetuneConfig(pairs=PAIRS, lr=5e-4, made=0.2, pair=pair),),
         )
         run = out / name
+        if name in SIZES and not run.exists():
+            run.mkdir()
+            shutil.copy(out / "wide" / "distil.safetensors", run)
         if not (run / "trunk.onnx").exists():
             weights = shared / "trunk" / "resnet18_layer3_folded.npz"
             train_trunk(config, material, weights, run, resume=True, report=_report(name))
