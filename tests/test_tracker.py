@@ -156,6 +156,39 @@ def test_a_box_partly_outside_is_clipped():
     assert iou(box, [0, 80, 20, 40]) > 0.8
 
 
+def test_a_template_that_learns_every_third_frame_sees_a_third_of_the_patches():
+    class Counts(Averages):
+        patches = 0
+
+        def __call__(self, patches: np.ndarray) -> np.ndarray:
+            self.patches += len(patches)
+            return super().__call__(patches)
+
+    boxes, looked = [], []
+    for every in (1, 3):
+        trunk = Counts()
+        t = Tracker(Config(update=UpdateConfig(rate=0.05, every=every)), trunk)
+        t.init(scene((100, 80)), (100, 80, 40, 40))
+        boxes.append([t.update(scene((100 + 3 * k, 80))).box for k in range(1, 13)])
+        looked.append(trunk.patches - 1 - 12 * t.config.scale.steps)
+    assert looked == [11, 3]  # the last frame's is due with the next frame
+    assert all(iou(a, b) > 0.95 for a, b in zip(*boxes, strict=True))
+
+
+def test_the_template_forgets_as_fast_when_it_learns_less_often():
+    templates = []
+    for every in (1, 4):
+        t = tracker(update=UpdateConfig(rate=0.05, every=every))
+        t.init(scene((100, 80)), (100, 80, 40, 40))
+        other = scene((100, 80))[::-1].copy()
+        first = t._targets[0].template.copy()
+        for _ in range(9):
+            t.update(other)
+            t._targets[0].box = np.array([100.0, 80, 40, 40])
+        templates.append(np.linalg.norm(t._targets[0].template - first))
+    assert templates[0] == pytest.approx(templates[1], rel=0.15)
+
+
 def test_init_again_starts_afresh():
     t = tracker()
     t.init(scene((100, 80)), (100, 80, 40, 40))

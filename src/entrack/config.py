@@ -61,6 +61,9 @@ class UpdateConfig:
     """θ (Table 1: 0.01)."""
     min_score: float = Field(default=0.0, ge=0, le=1)
     """The template is left alone in frames with a lower score."""
+    every: int = Field(default=1, ge=1)
+    """Frames from one update to the next: 1 is eq. 14; more save passes of the trunk. The rate of
+    an update is 1 − (1 − θ)^every, so that the template forgets as fast."""
 
 
 @dataclass(frozen=True, config=_STRICT)

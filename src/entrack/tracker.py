@@ -73,6 +73,8 @@ class _Target:
     lost: bool = False
     unlearned: windows.Image | None = None
     """The last frame at the new box, of which X' of eq. 14 is made together with the next Z."""
+    waited: int = 0
+    """Frames since the last such."""
 
 
 class _Answer(NamedTuple):
@@ -327,14 +329,18 @@ class Tracker:
         if target.look:
             target.look = replace(target.look, evidence=answer.evidence)
         target.lost = score < (config.found_above if target.lost else config.lost_below)
-        learn = self.config.update.rate > 0 and score >= self.config.update.min_score
+        target.waited += 1
+        learn = self.config.update
+        due = learn.rate > 0 and target.waited >= learn.every and score >= learn.min_score
         assert self._frame is not None
-        target.unlearned = self._patch(self._frame, target.box) if learn else None
+        target.unlearned = self._patch(self._frame, target.box) if due else None
+        target.waited = 0 if due else target.waited
         return score
 
     def _learn(self, target: _Target, seen: cf.Features) -> None:
         """Eq. 14. No frame needs Ŵ before the next one's response, so X' shares its trunk batch."""
-        target.template = cf.update(target.template, seen, self.config.update.rate)
+        rate = 1 - (1 - self.config.update.rate) ** self.config.update.every
+        target.template = cf.update(target.template, seen, rate)
         target.weights = self._fit(target.template)
 
     def _fit(self, template: cf.Features) -> cf.Spectrum:
