@@ -235,9 +235,9 @@ class Tracker:
         looks = list(zip(patches, features[len(due) :], strict=True))
         for k, target in enumerate(self._targets):
             of_target = looks[k * len(self._zooms) : (k + 1) * len(self._zooms)]
-            spectra = cf.spectrum(np.stack([z for _, z in of_target]) * self._taper)
-            responses = cf.respond(target.weights, spectra)
-            target.looks = [Look(p, z, m) for (p, z), m in zip(of_target, responses, strict=True)]
+            # One by one: arrays of megabytes would be new pages from the system in every frame,
+            # which cost more than the arithmetic.
+            target.looks = [Look(p, z, self._respond(target, z)) for p, z in of_target]
             target.look = target.looks[len(self._zooms) // 2]
             target.state = self._state(target)
             if target.state:
@@ -342,6 +342,9 @@ class Tracker:
         rate = 1 - (1 - self.config.update.rate) ** self.config.update.every
         target.template = cf.update(target.template, seen, rate)
         target.weights = self._fit(target.template)
+
+    def _respond(self, target: _Target, z: cf.Features) -> cf.Features:
+        return cf.respond(target.weights, cf.spectrum(z * self._taper))
 
     def _fit(self, template: cf.Features) -> cf.Spectrum:
         return cf.fit(cf.spectrum(template), self._label, self.config.filter.regularisation)
