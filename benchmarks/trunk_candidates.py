@@ -27,8 +27,8 @@ from entrack.trunks.distil import DistilConfig
 from entrack.trunks.finetune import FinetuneConfig
 from entrack.trunks.material import gather
 from entrack.trunks.networks import StudentConfig
-from entrack.trunks.quantise import quantise
 from entrack.trunks.pairs import PairConfig
+from entrack.trunks.quantise import quantise
 from entrack.trunks.train import TrunkTrainConfig, train_trunk
 
 CANDIDATES = {
