@@ -156,7 +156,12 @@ def test_a_box_partly_outside_is_clipped():
     assert iou(box, [0, 80, 20, 40]) > 0.8
 
 
-def test_a_template_that_learns_every_third_frame_sees_a_third_of_the_patches():
+@pytest.mark.parametrize(
+    ("change", "passes"),
+    [({}, 11), ({"every": 3}, 3), ({"seen": "shifted"}, 0)],  # the last frame's would come later
+    ids=["exact", "every-third", "shifted"],
+)
+def test_updates_cost_passes_of_the_trunk(change: dict[str, object], passes: int):
     class Counts(Averages):
         patches = 0
 
@@ -164,15 +169,27 @@ def test_a_template_that_learns_every_third_frame_sees_a_third_of_the_patches():
             self.patches += len(patches)
             return super().__call__(patches)
 
-    boxes, looked = [], []
-    for every in (1, 3):
-        trunk = Counts()
-        t = Tracker(Config(update=UpdateConfig(rate=0.05, every=every)), trunk)
-        t.init(scene((100, 80)), (100, 80, 40, 40))
-        boxes.append([t.update(scene((100 + 3 * k, 80))).box for k in range(1, 13)])
-        looked.append(trunk.patches - 1 - 12 * t.config.scale.steps)
-    assert looked == [11, 3]  # the last frame's is due with the next frame
-    assert all(iou(a, b) > 0.95 for a, b in zip(*boxes, strict=True))
+    trunk = Counts()
+    t = Tracker(Config(update=UpdateConfig(rate=0.05, **change)), trunk)  # type: ignore[arg-type]
+    t.init(scene((100, 80)), (100, 80, 40, 40))
+    for k in range(1, 13):
+        box = t.update(scene((100 + 3 * k, 80))).box
+    assert trunk.patches - 1 - 12 * t.config.scale.steps == passes
+    assert iou(box, [136, 80, 40, 40]) > 0.8
+
+
+def test_a_shifted_template_is_what_the_trunk_would_see_at_the_new_box():
+    t = tracker(update=UpdateConfig(rate=1, seen="shifted"), scale=ScaleConfig(steps=1))
+    t.init(scene((100, 80)), (100, 80, 40, 40))
+    frame = scene((112, 87))
+    t.update(frame)
+    [target] = t._targets
+    shifted = target.template.copy()
+    t.teach(frame, target.box)
+    error = np.linalg.norm(shifted - target.template) / np.linalg.norm(target.template)
+    t.teach(frame, (100, 80, 40, 40))
+    unshifted = np.linalg.norm(shifted - target.template) / np.linalg.norm(target.template)
+    assert error < 0.3 < unshifted
 
 
 def test_the_template_forgets_as_fast_when_it_learns_less_often():

@@ -12,6 +12,8 @@ from typing import NamedTuple, Protocol, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from entrack.window import Window
+
 Array = NDArray[np.float32]
 Weights = Mapping[str, Array]
 
@@ -113,6 +115,12 @@ def sample_grid(features: Array, roi: Array, points: int = GRID, grown: float = 
     columns = _interpolate((roi[0] + roi[2] / 2 + along * roi[2] * grown) * n - 0.5, n)
     rows = _interpolate((roi[1] + roi[3] / 2 + along * roi[3] * grown) * n - 0.5, n)
     return cast(Array, rows @ features @ columns.T)
+
+
+def shifted(features: Array, seen: Window, wanted: Window) -> Array:
+    """Features (C, n, n) of the window `seen`, resampled to what `wanted` would have shown."""
+    roi = (seen.to_patch(wanted.box) / seen.size).astype(np.float32)
+    return sample_grid(features, roi, features.shape[-1], grown=1)
 
 
 def _interpolate(places: NDArray[np.float64], n: int) -> Array:

@@ -16,7 +16,7 @@ from entrack.box import Boxes
 from entrack.config import Config
 from entrack.errors import EntrackError
 from entrack.policy import Policy
-from entrack.state import State, held
+from entrack.state import State, held, shifted
 from entrack.trunk import Trunk
 
 
@@ -50,6 +50,8 @@ class Look:
     """Z: (C, n, n) float32."""
     response: cf.Features
     """M: (n, n) float32, its peak at [n // 2, n // 2] for a target that has not moved (eq. 3)."""
+    zoom: float = 1.0
+    """How much more of the image than the search window was looked at."""
     z: cf.Features | None = None
     """f1(Z) (C, n, n) (eq. 4); None for a model without a policy."""
     evidence: Mapping[str, float] = field(default_factory=dict[str, float])
@@ -237,7 +239,10 @@ class Tracker:
             of_target = looks[k * len(self._zooms) : (k + 1) * len(self._zooms)]
             # One by one: arrays of megabytes would be new pages from the system in every frame,
             # which cost more than the arithmetic.
-            target.looks = [Look(p, z, self._respond(target, z)) for p, z in of_target]
+            target.looks = [
+                Look(p, z, cf.respond(target.weights, cf.spectrum(z * self._taper)), zoom)
+                for (p, z), zoom in zip(of_target, self._zooms, strict=True)
+            ]
             target.look = target.looks[len(self._zooms) // 2]
             target.state = self._state(target)
             if target.state:
@@ -321,20 +326,23 @@ class Tracker:
         first = target.first[2:]
         size = np.clip(answer.box[2:], limits.smallest * first, limits.largest * first)
         centre = np.clip(boxes_.centre(answer.box), 0, self._size)
-        target.box = boxes_.from_centre(centre, size)
+        searched, target.box = target.box, boxes_.from_centre(centre, size)
         evidence = config.bias + sum(
             getattr(config, name) * value for name, value in answer.evidence.items()
         )
         score = float(1 / (1 + np.exp(-evidence)))
-        if target.look:
-            target.look = replace(target.look, evidence=answer.evidence)
+        assert self._frame is not None and target.look is not None
+        target.look = replace(target.look, evidence=answer.evidence)
         target.lost = score < (config.found_above if target.lost else config.lost_below)
-        target.waited += 1
-        learn = self.config.update
-        due = learn.rate > 0 and target.waited >= learn.every and score >= learn.min_score
-        assert self._frame is not None
-        target.unlearned = self._patch(self._frame, target.box) if due else None
-        target.waited = 0 if due else target.waited
+        learn, window = self.config.update, self.config.window
+        due = learn.rate > 0 and target.waited + 1 >= learn.every and score >= learn.min_score
+        target.waited, target.unlearned = 0 if due else target.waited + 1, None
+        if due and learn.seen == "again":
+            target.unlearned = self._patch(self._frame, target.box)
+        elif due:
+            seen = windows.around(searched, window, target.look.zoom)
+            x = shifted(target.look.features, seen, windows.around(target.box, window))
+            self._learn(target, x * self._taper)
         return score
 
     def _learn(self, target: _Target, seen: cf.Features) -> None:
@@ -342,9 +350,6 @@ class Tracker:
         rate = 1 - (1 - self.config.update.rate) ** self.config.update.every
         target.template = cf.update(target.template, seen, rate)
         target.weights = self._fit(target.template)
-
-    def _respond(self, target: _Target, z: cf.Features) -> cf.Features:
-        return cf.respond(target.weights, cf.spectrum(z * self._taper))
 
     def _fit(self, template: cf.Features) -> cf.Spectrum:
         return cf.fit(cf.spectrum(template), self._label, self.config.filter.regularisation)
