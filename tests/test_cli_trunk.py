@@ -77,7 +77,7 @@ def test_quantise_says_how_well_int8_agrees(
     shown = capsys.readouterr()
     for engine in ("openvino", "onnxruntime"):
         assert f"{engine}: features agree with float to a cosine of " in shown.out
-    assert shown.err == "" and load_trunk(out, "onnxruntime").precision == "int8"
+    assert shown.err == "" and "int8" in load_trunk(out, "onnxruntime").precision
 
 
 def test_ctrl_c_says_how_to_go_on_and_resume_does(

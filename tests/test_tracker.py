@@ -156,6 +156,56 @@ def test_a_box_partly_outside_is_clipped():
     assert iou(box, [0, 80, 20, 40]) > 0.8
 
 
+@pytest.mark.parametrize(
+    ("change", "passes"),
+    [({}, 11), ({"every": 3}, 3), ({"seen": "shifted"}, 0)],  # the last frame's would come later
+    ids=["exact", "every-third", "shifted"],
+)
+def test_updates_cost_passes_of_the_trunk(change: dict[str, object], passes: int):
+    class Counts(Averages):
+        patches = 0
+
+        def __call__(self, patches: np.ndarray) -> np.ndarray:
+            self.patches += len(patches)
+            return super().__call__(patches)
+
+    trunk = Counts()
+    t = Tracker(Config(update=UpdateConfig(rate=0.05, **change)), trunk)  # type: ignore[arg-type]
+    t.init(scene((100, 80)), (100, 80, 40, 40))
+    for k in range(1, 13):
+        box = t.update(scene((100 + 3 * k, 80))).box
+    assert trunk.patches - 1 - 12 * t.config.scale.steps == passes
+    assert iou(box, [136, 80, 40, 40]) > 0.8
+
+
+def test_a_shifted_template_is_what_the_trunk_would_see_at_the_new_box():
+    t = tracker(update=UpdateConfig(rate=1, seen="shifted"), scale=ScaleConfig(steps=1))
+    t.init(scene((100, 80)), (100, 80, 40, 40))
+    frame = scene((112, 87))
+    t.update(frame)
+    [target] = t._targets
+    shifted = target.template.copy()
+    t.teach(frame, target.box)
+    error = np.linalg.norm(shifted - target.template) / np.linalg.norm(target.template)
+    t.teach(frame, (100, 80, 40, 40))
+    unshifted = np.linalg.norm(shifted - target.template) / np.linalg.norm(target.template)
+    assert error < 0.3 < unshifted
+
+
+def test_the_template_forgets_as_fast_when_it_learns_less_often():
+    templates = []
+    for every in (1, 4):
+        t = tracker(update=UpdateConfig(rate=0.05, every=every))
+        t.init(scene((100, 80)), (100, 80, 40, 40))
+        other = scene((100, 80))[::-1].copy()
+        first = t._targets[0].template.copy()
+        for _ in range(9):
+            t.update(other)
+            t._targets[0].box = np.array([100.0, 80, 40, 40])
+        templates.append(np.linalg.norm(t._targets[0].template - first))
+    assert templates[0] == pytest.approx(templates[1], rel=0.15)
+
+
 def test_init_again_starts_afresh():
     t = tracker()
     t.init(scene((100, 80)), (100, 80, 40, 40))

@@ -10,7 +10,8 @@ pytest.importorskip("torch")
 pytest.importorskip("onnxruntime")
 
 from entrack.errors import EntrackError
-from entrack.trunk import ENGINES, load_trunk, sha256
+from entrack.model import load_model
+from entrack.trunk import ENGINES, OpenVINOTrunk, load_trunk, sha256
 from entrack.trunks.export import export
 from entrack.trunks.networks import as_input
 from trunk_files import picture, student, write_trunk
@@ -78,6 +79,15 @@ def test_precision_is_what_runs(file: Path):
     fast = "BF16" in ov.Core().get_property("CPU", "OPTIMIZATION_CAPABILITIES")
     assert load_trunk(file).precision == ("bf16" if fast else "fp32")
     assert load_trunk(file, "onnxruntime").precision == "fp32"
+
+
+def test_engines_round_the_shipped_trunk_alike():
+    """In fp32 where it is not int8; rounding before each shortcut, too, would come to .9995."""
+    path = load_model("cf").trunk
+    seen = np.stack([picture(seed, 288, 288) for seed in range(3)])
+    exact = OpenVINOTrunk(path, threads=1)
+    exact._options["INFERENCE_PRECISION_HINT"] = "f32"
+    assert alike(load_trunk(path, "onnxruntime", threads=1)(seen), exact(seen)) > 0.9996
 
 
 def test_missing_files_and_unknown_engines_are_named(file: Path, tmp_path: Path):

@@ -5,6 +5,7 @@ tracker.init(frame, box=(x, y, w, h))
 estimate = tracker.update(next_frame)
 """
 
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -45,7 +46,7 @@ def load(
     trunk = load_trunk(opened.trunk, engine, threads, device)
     policy = None
     if opened.policy and opened.config.policy:
-        policy = load_policy(opened.policy, opened.config.policy)
+        policy = load_policy(opened.policy, opened.config.policy, threads or os.cpu_count() or 1)
     return Tracker(opened.config, trunk, policy)
 
 

@@ -61,6 +61,12 @@ class UpdateConfig:
     """θ (Table 1: 0.01)."""
     min_score: float = Field(default=0.0, ge=0, le=1)
     """The template is left alone in frames with a lower score."""
+    every: int = Field(default=1, ge=1)
+    """Frames from one update to the next: 1 is eq. 14; more save passes of the trunk. The rate of
+    an update is 1 − (1 − θ)^every, so that the template forgets as fast."""
+    seen: Literal["again", "shifted"] = "again"
+    """`again`: the trunk looks at the new box to make X', as in eq. 14; `shifted`: X' is sampled
+    from the features of the search, which saves that pass."""
 
 
 @dataclass(frozen=True, config=_STRICT)

@@ -134,8 +134,8 @@ class Policy:
         return Gaussian(mean.astype(np.float64), log_std.astype(np.float64), self.config.reach)
 
 
-def load_policy(path: Path, config: PolicyConfig) -> Policy:
-    """Read `policy.safetensors`."""
+def load_policy(path: Path, config: PolicyConfig, threads: int = 1) -> Policy:
+    """Read `policy.safetensors`; the conditioned f1 runs on `threads` threads of OpenVINO."""
     from safetensors import SafetensorError
     from safetensors.numpy import (
         load_file,  # pyright: ignore[reportUnknownVariableType]
@@ -143,6 +143,11 @@ def load_policy(path: Path, config: PolicyConfig) -> Policy:
 
     try:
         weights = {name: w.astype(np.float32) for name, w in load_file(path).items()}
-        return Policy(config, weights)
+        policy = Policy(config, weights)
     except (SafetensorError, KeyError) as error:
         raise EntrackError(f"{path} holds no {config.f1} policy: {error}") from error
+    if isinstance(policy.f1, Conditioned):
+        from entrack.fast import CompiledConditioned
+
+        policy.f1 = CompiledConditioned(policy.f1, threads)
+    return policy

@@ -12,6 +12,8 @@ from typing import NamedTuple, Protocol, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from entrack.window import Window
+
 Array = NDArray[np.float32]
 Weights = Mapping[str, Array]
 
@@ -115,6 +117,12 @@ def sample_grid(features: Array, roi: Array, points: int = GRID, grown: float = 
     return cast(Array, rows @ features @ columns.T)
 
 
+def shifted(features: Array, seen: Window, wanted: Window) -> Array:
+    """Features (C, n, n) of the window `seen`, resampled to what `wanted` would have shown."""
+    roi = (seen.to_patch(wanted.box) / seen.size).astype(np.float32)
+    return sample_grid(features, roi, features.shape[-1], grown=1)
+
+
 def _interpolate(places: NDArray[np.float64], n: int) -> Array:
     """Weights (len(places), n) of the two cells around each place."""
     places = np.clip(places, 0, n - 1)
@@ -153,14 +161,20 @@ class Conditioned:
         belongs = _project(features, self.w["belong.weight"], self.w["belong.bias"])
         itself = _project(features, self.w["itself.weight"], self.w["itself.bias"])
         seen = [4 * keys.T @ matched, _relu(belongs) * gate[:, None], itself]
-        peak = max(float(response.max()), 0.05)
-        planes = np.stack([2 * response, response / peak]).reshape(2, n * n)
-        x = np.concatenate([*seen, planes, place(n, held)])
+        x = np.concatenate([*seen, context(response, held)])
         x = _relu(self.w["mix.weight"] @ x + self.w["mix.bias"][:, None])
         for k in range(self.layers):
             weight, bias = self.w[f"convs.{k}.weight"], self.w[f"convs.{k}.bias"]
             x = x + _relu(_convolve(x.reshape(-1, n, n), weight, bias))
         return x.reshape(-1, n, n)
+
+
+def context(response: Array, held: Array) -> Array:
+    """Eight planes (8, n · n) of what is known besides Z: M, M with its peak at 1, and `place`."""
+    n = response.shape[-1]
+    peak = max(float(response.max()), 0.05)
+    planes = np.stack([2 * response, response / peak]).reshape(2, n * n)
+    return np.concatenate([planes, place(n, held)])
 
 
 def place(n: int, held: Array) -> Array:

@@ -16,7 +16,7 @@ from entrack.box import Boxes
 from entrack.config import Config
 from entrack.errors import EntrackError
 from entrack.policy import Policy
-from entrack.state import State, held
+from entrack.state import State, held, shifted
 from entrack.trunk import Trunk
 
 
@@ -50,6 +50,8 @@ class Look:
     """Z: (C, n, n) float32."""
     response: cf.Features
     """M: (n, n) float32, its peak at [n // 2, n // 2] for a target that has not moved (eq. 3)."""
+    zoom: float = 1.0
+    """How much more of the image than the search window was looked at."""
     z: cf.Features | None = None
     """f1(Z) (C, n, n) (eq. 4); None for a model without a policy."""
     evidence: Mapping[str, float] = field(default_factory=dict[str, float])
@@ -73,6 +75,8 @@ class _Target:
     lost: bool = False
     unlearned: windows.Image | None = None
     """The last frame at the new box, of which X' of eq. 14 is made together with the next Z."""
+    waited: int = 0
+    """Frames since the last such."""
 
 
 class _Answer(NamedTuple):
@@ -233,9 +237,12 @@ class Tracker:
         looks = list(zip(patches, features[len(due) :], strict=True))
         for k, target in enumerate(self._targets):
             of_target = looks[k * len(self._zooms) : (k + 1) * len(self._zooms)]
-            spectra = cf.spectrum(np.stack([z for _, z in of_target]) * self._taper)
-            responses = self.respond(target.weights, spectra)
-            target.looks = [Look(p, z, m) for (p, z), m in zip(of_target, responses, strict=True)]
+            # One by one: arrays of megabytes would be new pages from the system in every frame,
+            # which cost more than the arithmetic.
+            target.looks = [
+                Look(p, z, self.respond(target.weights, cf.spectrum(z * self._taper)), zoom)
+                for (p, z), zoom in zip(of_target, self._zooms, strict=True)
+            ]
             target.look = target.looks[len(self._zooms) // 2]
             target.state = self._state(target)
             if target.state:
@@ -319,22 +326,29 @@ class Tracker:
         first = target.first[2:]
         size = np.clip(answer.box[2:], limits.smallest * first, limits.largest * first)
         centre = np.clip(boxes_.centre(answer.box), 0, self._size)
-        target.box = boxes_.from_centre(centre, size)
+        searched, target.box = target.box, boxes_.from_centre(centre, size)
         evidence = config.bias + sum(
             getattr(config, name) * value for name, value in answer.evidence.items()
         )
         score = float(1 / (1 + np.exp(-evidence)))
-        if target.look:
-            target.look = replace(target.look, evidence=answer.evidence)
+        assert self._frame is not None and target.look is not None
+        target.look = replace(target.look, evidence=answer.evidence)
         target.lost = score < (config.found_above if target.lost else config.lost_below)
-        learn = self.config.update.rate > 0 and score >= self.config.update.min_score
-        assert self._frame is not None
-        target.unlearned = self._patch(self._frame, target.box) if learn else None
+        learn, window = self.config.update, self.config.window
+        due = learn.rate > 0 and target.waited + 1 >= learn.every and score >= learn.min_score
+        target.waited, target.unlearned = 0 if due else target.waited + 1, None
+        if due and learn.seen == "again":
+            target.unlearned = self._patch(self._frame, target.box)
+        elif due:
+            seen = windows.around(searched, window, target.look.zoom)
+            x = shifted(target.look.features, seen, windows.around(target.box, window))
+            self._learn(target, x * self._taper)
         return score
 
     def _learn(self, target: _Target, seen: cf.Features) -> None:
         """Eq. 14. No frame needs Ŵ before the next one's response, so X' shares its trunk batch."""
-        target.template = cf.update(target.template, seen, self.config.update.rate)
+        rate = 1 - (1 - self.config.update.rate) ** self.config.update.every
+        target.template = cf.update(target.template, seen, rate)
         target.weights = self.fit(target.template)
 
     def fit(self, template: cf.Features) -> cf.Spectrum:
@@ -342,7 +356,7 @@ class Tracker:
         return cf.fit(cf.spectrum(template), self._label, self.config.filter.regularisation)
 
     def respond(self, weights: cf.Spectrum, candidates: cf.Spectrum) -> cf.Features:
-        """M of each candidate Ẑ (eq. 3)."""
+        """M (n, n) of a candidate Ẑ (C, n, n // 2 + 1), or of several at once (eq. 3)."""
         return cf.respond(weights, candidates)
 
     def _patch(self, frame: windows.Image, box: Boxes, zoom: float = 1.0) -> windows.Image:

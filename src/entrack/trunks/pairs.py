@@ -8,7 +8,7 @@ from typing import cast
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import ConfigDict
+from pydantic import ConfigDict, Field
 from pydantic.dataclasses import dataclass as checked
 
 from entrack.box import Boxes, area, centre, clip, from_centre
@@ -38,6 +38,13 @@ class PairConfig:
     """Share of stills whose target is moved to another background."""
     occlude: float = 0.2
     """Share of search patches with something in front of the target."""
+    size: int = Field(default=288, ge=64, multiple_of=16)
+    """Side of the patches, pixels."""
+
+    @property
+    def window(self) -> WindowConfig:
+        """What the patches are cut by."""
+        return WindowConfig(size=self.size)
 
 
 @dataclass(frozen=True)
@@ -84,7 +91,7 @@ def _pair(
     `shape` is the target's size (2,) where the template was cut out.
     """
     looked, zoom = _displaced(box, config, rng)
-    window = around(looked, WindowConfig())
+    window = around(looked, config.window)
     offset = (centre(box) - centre(window.box)) / window.box[2:]
     search = photometric(crop(frame, window), rng)
     seen = window.to_patch(box) / window.size
@@ -94,7 +101,7 @@ def _pair(
     if rng.random() < 0.1:
         template, search = grey(template), grey(search)
     held = np.concatenate([looked[2:] / window.box[2:], np.log(looked[2:] / shape)])
-    roi = from_centre([0.5, 0.5], shape / around(from_centre([0, 0], shape), WindowConfig()).w)
+    roi = from_centre([0.5, 0.5], shape / around(from_centre([0, 0], shape), config.window).w)
     place = (float(offset[0]), float(offset[1]))
     return Pair(photometric(template, rng), search, place, zoom, seen, held, roi)
 
@@ -113,7 +120,7 @@ def from_sequence(sequence: Sequence, config: PairConfig, rng: np.random.Generat
     image = sequence.frames[first]
     if area(clip(boxes[0], image.shape[1], image.shape[0])) < 0.6 * area(boxes[0]):
         return None
-    template = crop(image, around(boxes[0], WindowConfig()))
+    template = crop(image, around(boxes[0], config.window))
     return _pair(template, boxes[0, 2:], sequence.frames[second], boxes[1], config, rng)
 
 
@@ -126,7 +133,7 @@ def from_still(
     aspect = np.exp(rng.normal(0, 0.4))
     size = np.minimum(side * np.array([np.sqrt(aspect), 1 / np.sqrt(aspect)]), [width, height])
     box = from_centre(size / 2 + rng.uniform(0, 1, 2) * (np.array([width, height]) - size), size)
-    template = crop(image, around(box, WindowConfig()))
+    template = crop(image, around(box, config.window))
     frame, moved = _turn(image, box, config, rng)
     if rng.random() < config.replace:
         frame = _transplant(frame, moved, others[int(rng.integers(len(others)))])
