@@ -317,13 +317,15 @@ class Tracker:
         """Put the box where the answer says, within limits; return the score."""
         limits, config = self.config.limits, self.config.score
         first = target.first[2:]
+        sound = bool(np.isfinite(answer.box).all())  # else a network overflowed: stay, and say so
+        answer = answer if sound else answer._replace(box=target.box)
         size = np.clip(answer.box[2:], limits.smallest * first, limits.largest * first)
         centre = np.clip(boxes_.centre(answer.box), 0, self._size)
         target.box = boxes_.from_centre(centre, size)
         evidence = config.bias + sum(
             getattr(config, name) * value for name, value in answer.evidence.items()
         )
-        score = float(1 / (1 + np.exp(-evidence)))
+        score = float(1 / (1 + np.exp(-evidence))) if sound and np.isfinite(evidence) else 0.0
         if target.look:
             target.look = replace(target.look, evidence=answer.evidence)
         target.lost = score < (config.found_above if target.lost else config.lost_below)

@@ -27,7 +27,10 @@ class ImageFiles(Sequence[Image]):
 
     def __getitem__(self, index: int) -> Image:  # pyright: ignore[reportIncompatibleMethodOverride]
         path = self.paths[index]
-        image = cv2.imread(str(path), cv2.IMREAD_COLOR)
+        try:
+            image = cv2.imread(str(path), cv2.IMREAD_COLOR)
+        except cv2.error:  # larger than any picture may be; see `entrack.__init__`
+            image = None
         if image is None:
             why = "is not a picture that can be read" if path.exists() else "does not exist"
             raise EntrackError(f"frame {path} {why}")
