@@ -51,7 +51,7 @@ def open_source(source: str | Path | int, start: int = 0, stop: int | None = Non
         return _open_pictures(path.resolve().name, paths, start, stop)
     if os.path.exists(text):
         return open_video(path.name, text, start, stop)
-    if glob.has_magic(text):
+    if glob.has_magic(text) and "\0" not in text:
         paths = [Path(p) for p in glob.glob(text, recursive=True)]
         if not paths:
             raise EntrackError(f"no file matches {text}")
