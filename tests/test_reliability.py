@@ -181,6 +181,16 @@ def test_a_policy_of_the_wrong_shape_is_found_when_it_is_read(tmp_path: Path) ->
         load_policy(tmp_path / "policy.safetensors", model.config.policy)
 
 
+def test_tags_of_a_video_may_be_in_any_alphabet(tmp_path: Path) -> None:
+    path = tmp_path / "tagged.mkv"
+    write(path, GOOD["mkv"])
+    data = path.read_bytes()
+    assert b"ENCODER" in data
+    path.write_bytes(data.replace(b"ENCODER", b"\xc9NCODER"))  # Latin-1
+    with open_source(path) as source, Clip(path) as clip:
+        assert len(list(source)) == len(clip) == 24
+
+
 def test_a_clip_without_a_frame_is_one_sentence(tmp_path: Path) -> None:
     path = tmp_path / "cut.mkv"
     write(path, GOOD["mkv"])

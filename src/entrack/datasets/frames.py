@@ -129,7 +129,7 @@ def _opened(path: Path) -> Generator[Any]:
     from av.error import FFmpegError
 
     try:
-        with av.open(str(path)) as video:
+        with av.open(str(path), metadata_errors="replace") as video:
             yield video
     except (FFmpegError, OSError, IndexError) as error:
         raise EntrackError(f"cannot read the video {path}: {error}") from error

@@ -121,7 +121,7 @@ class Clip:
 
         refused = EntrackError(f"{self.name} is not a video that can be read")
         try:
-            container = av.open(str(self._path), options=_SAFE)
+            container = av.open(str(self._path), options=_SAFE, metadata_errors="replace")
         except (FFmpegError, OSError) as error:
             raise refused from error
         video = container.streams.video

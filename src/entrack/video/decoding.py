@@ -29,7 +29,9 @@ def open_video(name: str, address: str, start: int, stop: int | None) -> Source:
 
     timeout = _NETWORK_WAIT if "://" in address else None
     try:
-        container = av.open(address, options={"rtsp_transport": "tcp"}, timeout=timeout)
+        container = av.open(
+            address, options={"rtsp_transport": "tcp"}, timeout=timeout, metadata_errors="replace"
+        )
     except (FFmpegError, OSError) as error:
         raise EntrackError(f"{name} cannot be read as a video: {error.strerror}") from error
     # FFmpeg would play a text file as terminal art.
