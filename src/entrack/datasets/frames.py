@@ -123,13 +123,21 @@ class VideoFrames(Sequence[Image]):
                 yield lambda frame=frame: frame.to_ndarray(format="bgr24")
 
 
+def any_alphabet() -> dict[str, Any]:
+    """Have PyAV bear tags that are not UTF-8: before version 19 it has to be asked to."""
+    import av
+
+    asked = int(av.__version__.split(".")[0]) < 19
+    return {"metadata_errors": "replace"} if asked else {}
+
+
 @contextmanager
 def _opened(path: Path) -> Generator[Any]:
     import av  # here, as it takes a tenth of a second to import
     from av.error import FFmpegError
 
     try:
-        with av.open(str(path), metadata_errors="replace") as video:
+        with av.open(str(path), **any_alphabet()) as video:
             yield video
     except (FFmpegError, OSError, IndexError) as error:
         raise EntrackError(f"cannot read the video {path}: {error}") from error

@@ -4,8 +4,9 @@ from bisect import bisect_left
 from collections import OrderedDict
 from collections.abc import Generator
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
+from entrack.datasets.frames import any_alphabet
 from entrack.errors import EntrackError
 from entrack.video.decoding import PIXELS, frame_rate, pictures, upright
 from entrack.video.source import Frame
@@ -121,7 +122,9 @@ class Clip:
 
         refused = EntrackError(f"{self.name} is not a video that can be read")
         try:
-            container = av.open(str(self._path), options=_SAFE, metadata_errors="replace")
+            container = cast(
+                "InputContainer", av.open(str(self._path), options=_SAFE, **any_alphabet())
+            )
         except (FFmpegError, OSError) as error:
             raise refused from error
         video = container.streams.video

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, cast
 
 import cv2
 
-from entrack.datasets.frames import Image
+from entrack.datasets.frames import Image, any_alphabet
 from entrack.errors import EntrackError
 from entrack.video.source import Frame, Source
 
@@ -29,8 +29,14 @@ def open_video(name: str, address: str, start: int, stop: int | None) -> Source:
 
     timeout = _NETWORK_WAIT if "://" in address else None
     try:
-        container = av.open(
-            address, options={"rtsp_transport": "tcp"}, timeout=timeout, metadata_errors="replace"
+        container = cast(
+            "InputContainer",
+            av.open(
+                address,
+                options={"rtsp_transport": "tcp"},
+                timeout=timeout,
+                **any_alphabet(),
+            ),
         )
     except (FFmpegError, OSError) as error:
         raise EntrackError(f"{name} cannot be read as a video: {error.strerror}") from error
