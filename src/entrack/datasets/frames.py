@@ -4,7 +4,7 @@ from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import contextmanager
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import cv2
 import numpy as np
@@ -137,7 +137,7 @@ def _opened(path: Path) -> Generator[Any]:
     from av.error import FFmpegError
 
     try:
-        with av.open(str(path), **any_alphabet()) as video:
+        with cast(Any, av.open)(str(path), **any_alphabet()) as video:
             yield video
     except (FFmpegError, OSError, IndexError) as error:
         raise EntrackError(f"cannot read the video {path}: {error}") from error
