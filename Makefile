@@ -4,7 +4,7 @@ PYTHON ?= python3
 BASE := .venv/base
 DEV := .venv/dev
 
-.PHONY: demo test lint types docs clean
+.PHONY: demo test lint types docs audit clean fuzz faults crash soak
 
 demo: $(BASE)/.installed
 	$(BASE)/bin/entrack demo --out out/demo
@@ -21,6 +21,13 @@ types: $(DEV)/.installed
 
 docs: $(DEV)/.installed
 	$(DEV)/bin/mkdocs build --strict --quiet
+
+audit: $(DEV)/.installed
+	.ci/audit $(DEV)/bin
+
+# The long forms of the tests of reliability: a line of figures and out/reliability/NAME.json each.
+fuzz faults crash soak: $(DEV)/.installed
+	OPENCV_LOG_LEVEL=SILENT $(DEV)/bin/python -m reliability.$@
 
 $(BASE)/.installed: pyproject.toml
 	$(PYTHON) -m venv $(BASE)

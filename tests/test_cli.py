@@ -48,6 +48,7 @@ def test_version(capsys: pytest.CaptureFixture[str]) -> None:
         (["track", "x.mp4"], "either --box X,Y,W,H or --select"),
         (["track", "x.mp4", "--box", "1,2,3,4", "--start", "soon"], "Invalid value for '--start'"),
         (["--verbose"], "No such option: --verbose"),
+        (["data"], "expected a COMMAND. Try 'entrack data --help'."),
     ],
 )
 def test_wrong_call_is_one_line_and_code_2(

@@ -9,6 +9,10 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+# Read by OpenCV when it is imported: a picture of a few bytes may claim a billion pixels. 16K fits.
+os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", str(2**27))
+
+
 from entrack.errors import EntrackError
 from entrack.model import load_model
 from entrack.policy import load_policy

@@ -143,7 +143,7 @@ def _opened(path: Path) -> Generator[IO[str]]:
 
 def _clip(row: dict[str, str], folder: Path, where: str) -> Clip:
     """One row as a clip of one object."""
-    source = row["source"]
+    source = row["source"] or ""
     name = row.get("name") or Path(source).stem
     if not re.fullmatch(r"(?!\.)[\w.+-]+(/(?!\.)[\w.+-]+)*", name):
         raise EntrackError(f"{where}: {name!r} is no name for a file: add a column `name`")

@@ -8,8 +8,10 @@ from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass
 
 from entrack.errors import EntrackError
+from entrack.files import read_bytes
 
 T = TypeVar("T")
+_LARGEST = 1_000_000  # bytes of a configuration
 _STRICT = ConfigDict(extra="forbid")
 
 
@@ -149,6 +151,6 @@ def read_toml(path: Path) -> dict[str, Any]:
     if not path.is_file():
         raise EntrackError(f"no configuration file {path}")
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        return tomllib.loads(read_bytes(path, _LARGEST).decode())
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
         raise EntrackError(f"{path} is not a TOML file: {error}") from error

@@ -1,4 +1,4 @@
-"""Files that appear under their name only when they are whole."""
+"""Files that appear under their name only when they are whole, and are read only if they fit."""
 
 from collections.abc import Generator
 from contextlib import contextmanager
@@ -14,6 +14,24 @@ def unfinished(path: Path) -> Path:
     'boxes.csv.part'
     """
     return path.with_name(path.name + ".part")
+
+
+def read_bytes(path: Path, largest: int = 256_000_000) -> bytes:
+    """Content of a file of at most `largest` bytes; what a run writes has no more by default.
+
+    Raises
+    ------
+    EntrackError
+        If there is no such file, or it is larger: what it stands for is never that large.
+    """
+    try:
+        with path.open("rb") as file:
+            data = file.read(largest + 1)
+    except (OSError, ValueError) as error:  # ValueError: a path with a zero byte in it
+        raise EntrackError(f"cannot read {path}: {getattr(error, 'strerror', error)}") from error
+    if len(data) > largest:
+        raise EntrackError(f"{path} has more than the {largest} bytes that such a file may have")
+    return data
 
 
 @contextmanager

@@ -11,6 +11,7 @@ from typing import NamedTuple, cast
 import numpy as np
 from numpy.typing import NDArray
 
+_NOTHING = np.float32(1e-20)  # so that a template of zeros has a filter of zeros, and no NaN
 Features = NDArray[np.float32]
 Spectrum = NDArray[np.complex64]
 
@@ -50,7 +51,7 @@ def fit(template: Spectrum, label: Spectrum, regularisation: float) -> Spectrum:
         λ in units of the mean of Σ_c |X̂_c|², so that it means the same for every trunk.
     """
     energy = (template.real**2 + template.imag**2).sum(axis=-3, keepdims=True)
-    floor = regularisation * energy.mean(axis=(-2, -1), keepdims=True) + np.finfo(np.float32).tiny
+    floor = regularisation * energy.mean(axis=(-2, -1), keepdims=True) + _NOTHING
     return template.conj() * (label / (energy + floor))
 
 
@@ -98,6 +99,7 @@ def psr(response: Features, i: int, j: int, radius: int = 2) -> float:
     True
     """
     n = response.shape[-1]
+    radius = min(radius, (n - 2) // 2)  # of a small response something has to be left
     around = np.ix_(*(np.arange(k - radius, k + radius + 1) % n for k in (i, j)))
     side = np.ones((n, n), bool)
     side[around] = False

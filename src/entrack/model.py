@@ -26,6 +26,9 @@ from entrack.config import Config, parse, read_toml
 from entrack.errors import EntrackError
 from entrack.trunk import sha256
 
+_SUFFIXES = (".onnx", ".safetensors")
+"""Formats that hold numbers, and nothing that is executed when they are read."""
+_LARGEST = 500_000_000  # bytes of one file of a model
 SHIPPED = ("default", "cf", "cf-baseline", "policy")
 
 
@@ -76,7 +79,7 @@ def load_model(name: str | Path) -> Model:
     """
     folder = assets() / "models" / str(name) if name in SHIPPED else Path(name)
     path = folder / "model.toml"
-    if not path.is_file():
+    if not os.path.isfile(path):  # which answers for names that no file can have, too
         shipped = ", ".join(SHIPPED)
         raise EntrackError(f"no model {name}: expected {shipped}, or a folder with a model.toml")
     content = parse(ModelFile, read_toml(path), str(path))
@@ -84,8 +87,13 @@ def load_model(name: str | Path) -> Model:
         raise EntrackError(f"{path} names no trunk under [files]")
     for entry in content.files.values():
         file = folder / entry.path
-        if not file.is_file():
+        if file.suffix not in _SUFFIXES:
+            found = f"{path} names {entry.path}"
+            raise EntrackError(f"{found}: a model's files are {' and '.join(_SUFFIXES)}")
+        if not os.path.isfile(file):
             raise EntrackError(f"model {name} is incomplete: {file} is missing")
+        if file.stat().st_size > _LARGEST:
+            raise EntrackError(f"{file} has more than the {_LARGEST} bytes of the largest model")
         if sha256(file) != entry.sha256:
             raise EntrackError(f"{file} was altered: its SHA-256 is not the one in {path.name}")
     if (content.config.policy is None) != ("policy" not in content.files):

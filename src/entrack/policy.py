@@ -143,11 +143,29 @@ def load_policy(path: Path, config: PolicyConfig, threads: int = 1) -> Policy:
 
     try:
         weights = {name: w.astype(np.float32) for name, w in load_file(path).items()}
+        if not all(np.isfinite(w).all() for w in weights.values()):
+            raise EntrackError(f"{path} holds weights that are no numbers")
         policy = Policy(config, weights)
-    except (SafetensorError, KeyError) as error:
+        _try(policy, weights)
+    except (SafetensorError, KeyError, ValueError, TypeError, IndexError) as error:
+        if isinstance(error, EntrackError):
+            raise
         raise EntrackError(f"{path} holds no {config.f1} policy: {error}") from error
     if isinstance(policy.f1, Conditioned):
         from entrack.fast import CompiledConditioned
 
         policy.f1 = CompiledConditioned(policy.f1, threads)
     return policy
+
+
+def _try(policy: Policy, weights: Weights) -> None:
+    """Act once on nothing: weights that do not fit one another are found out here, not later."""
+    linear = policy.config.f1 == "linear"
+    n = math.isqrt(weights["mean.weight"].shape[-1]) if linear else 18
+    channels = weights["f1.weight" if linear else "f1.match.weight"].shape[-1]
+    nothing = np.zeros((channels, n, n), np.float32)
+    known = policy.f1.remember(nothing, np.array([0.25, 0.25, 0.5, 0.5], np.float32))
+    last = np.array([0.5, 0.5, 0, 0], np.float32)
+    mean, log_std = policy.head(policy.state(nothing, nothing[0], last, known))
+    if mean.shape != (4,) or log_std.shape != (4,):
+        raise ValueError(f"actions of {mean.shape} numbers, expected (4,)")

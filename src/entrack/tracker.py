@@ -324,13 +324,15 @@ class Tracker:
         """Put the box where the answer says, within limits; return the score."""
         limits, config = self.config.limits, self.config.score
         first = target.first[2:]
+        sound = bool(np.isfinite(answer.box).all())  # else a network overflowed: stay, and say so
+        answer = answer if sound else answer._replace(box=target.box)
         size = np.clip(answer.box[2:], limits.smallest * first, limits.largest * first)
         centre = np.clip(boxes_.centre(answer.box), 0, self._size)
         searched, target.box = target.box, boxes_.from_centre(centre, size)
         evidence = config.bias + sum(
             getattr(config, name) * value for name, value in answer.evidence.items()
         )
-        score = float(1 / (1 + np.exp(-evidence)))
+        score = float(1 / (1 + np.exp(-evidence))) if sound and np.isfinite(evidence) else 0.0
         assert self._frame is not None and target.look is not None
         target.look = replace(target.look, evidence=answer.evidence)
         target.lost = score < (config.found_above if target.lost else config.lost_below)
@@ -356,7 +358,7 @@ class Tracker:
         return cf.fit(cf.spectrum(template), self._label, self.config.filter.regularisation)
 
     def respond(self, weights: cf.Spectrum, candidates: cf.Spectrum) -> cf.Features:
-        """M (n, n) of a candidate Ẑ (C, n, n // 2 + 1), or of several at once (eq. 3)."""
+        """M (n, n) of a candidate Ẑ (C, n, n // 2 + 1) (eq. 3)."""
         return cf.respond(weights, candidates)
 
     def _patch(self, frame: windows.Image, box: Boxes, zoom: float = 1.0) -> windows.Image:

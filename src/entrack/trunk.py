@@ -77,12 +77,21 @@ class OpenVINOTrunk:
 
     def _compile(self, size: int) -> Any:
         ov = self._ov
-        model = self._core.read_model(self._path)
-        model.reshape([1, 3, size, size])
-        steps = ov.preprocess.PrePostProcessor(model)
-        steps.input().tensor().set_element_type(ov.Type.u8).set_layout(ov.Layout("NHWC"))
-        steps.input().model().set_layout(ov.Layout("NCHW"))
-        return self._core.compile_model(steps.build(), "CPU", self._options)
+        try:
+            model = self._core.read_model(self._path)
+            model.reshape([1, 3, size, size])
+            steps = ov.preprocess.PrePostProcessor(model)
+            steps.input().tensor().set_element_type(ov.Type.u8).set_layout(ov.Layout("NHWC"))
+            steps.input().model().set_layout(ov.Layout("NCHW"))
+            network = self._core.compile_model(steps.build(), "CPU", self._options)
+            shape = list(network.output().shape)
+        except RuntimeError as error:
+            why = str(error).strip().splitlines()[-1]
+            raise EntrackError(f"{self._path} is no trunk: {why}") from error
+        if len(shape) != 4 or shape[2:] != [size // 16, size // 16]:
+            cells = f"(1, C, {size // 16}, {size // 16})"
+            raise EntrackError(f"{self._path} is no trunk: it makes {shape}, expected {cells}")
+        return network
 
 
 class OnnxRuntimeTrunk:
@@ -163,6 +172,8 @@ def load_trunk(
         raise EntrackError(f"threads must be at least 1, found {threads}")
     if device not in _PROVIDERS:
         raise EntrackError(f"no device {device!r}: there are {', '.join(_PROVIDERS)}")
+    if b"\n\x08location" in path.read_bytes():  # a key of ONNX's `external_data`
+        raise EntrackError(f"{path} has its weights in another file, which no checksum covers")
     if engine == "onnxruntime":
         return OnnxRuntimeTrunk(path, threads, device)
     if device != "cpu":
@@ -174,7 +185,8 @@ def load_trunk(
 
 def sha256(path: Path) -> str:
     """The checksum by which a model folder names its files."""
-    return hashlib.sha256(path.read_bytes()).hexdigest()
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _precision(quantised: bool, capabilities: list[str]) -> str:

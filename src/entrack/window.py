@@ -12,6 +12,8 @@ from entrack.config import WindowConfig
 from entrack.errors import EntrackError
 
 Image = NDArray[np.uint8]
+LONGEST = 32766
+"""Pixels a side of the largest frame: OpenCV counts them in 16 bits."""
 
 
 @dataclass(frozen=True)
@@ -103,11 +105,17 @@ def as_bgr(image: Any) -> Image:
     EntrackError
         For anything that is not a picture.
     """
-    a = np.asarray(image)
+    try:
+        a = np.asarray(image)
+    except (TypeError, ValueError, RuntimeError) as error:
+        raise EntrackError(f"a frame is an array, found {type(image).__name__}") from error
     if a.ndim == 2:
         a = a[:, :, None]
-    if a.ndim != 3 or a.shape[2] not in (1, 3, 4) or a.shape[0] < 2 or a.shape[1] < 2:
+    if a.ndim != 3 or a.shape[2] not in (1, 3, 4):
         raise EntrackError(f"a frame is an array (H, W), (H, W, 3) or (H, W, 4), found {a.shape}")
+    if not (2 <= min(a.shape[:2]) and max(a.shape[:2]) <= LONGEST):
+        height, width = a.shape[:2]
+        raise EntrackError(f"a frame has 2 to {LONGEST} pixels a side, found {width}×{height}")
     if a.dtype == np.uint16:
         a = (a >> 8).astype(np.uint8)
     elif np.issubdtype(a.dtype, np.floating):

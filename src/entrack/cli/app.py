@@ -84,7 +84,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 130
     except WrongCall as error:
         hint = f". Try '{error.ctx.command_path} --help'." if error.ctx else ""
-        return _failed(error.format_message().rstrip(".") + hint, 2)
+        bare = type(error).__name__ == "NoArgsIsHelpError"  # its message is the whole help
+        why = "expected a COMMAND" if bare else error.format_message().rstrip(".")
+        return _failed(why + hint, 2)
     except (EntrackError, OSError) as error:
         if words != given:
             traceback.print_exc()

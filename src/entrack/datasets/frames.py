@@ -4,7 +4,7 @@ from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import contextmanager
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import cv2
 import numpy as np
@@ -27,7 +27,10 @@ class ImageFiles(Sequence[Image]):
 
     def __getitem__(self, index: int) -> Image:  # pyright: ignore[reportIncompatibleMethodOverride]
         path = self.paths[index]
-        image = cv2.imread(str(path), cv2.IMREAD_COLOR)
+        try:
+            image = cv2.imread(str(path), cv2.IMREAD_COLOR)
+        except cv2.error:  # larger than any picture may be; see `entrack.__init__`
+            image = None
         if image is None:
             why = "is not a picture that can be read" if path.exists() else "does not exist"
             raise EntrackError(f"frame {path} {why}")
@@ -120,13 +123,21 @@ class VideoFrames(Sequence[Image]):
                 yield lambda frame=frame: frame.to_ndarray(format="bgr24")
 
 
+def any_alphabet() -> dict[str, Any]:
+    """Have PyAV bear tags that are not UTF-8: before version 19 it has to be asked to."""
+    import av
+
+    asked = int(av.__version__.split(".")[0]) < 19
+    return {"metadata_errors": "replace"} if asked else {}
+
+
 @contextmanager
 def _opened(path: Path) -> Generator[Any]:
     import av  # here, as it takes a tenth of a second to import
     from av.error import FFmpegError
 
     try:
-        with av.open(str(path)) as video:
+        with cast(Any, av.open)(str(path), **any_alphabet()) as video:
             yield video
     except (FFmpegError, OSError, IndexError) as error:
         raise EntrackError(f"cannot read the video {path}: {error}") from error

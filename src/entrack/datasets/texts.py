@@ -1,7 +1,9 @@
 """The text files that benchmarks are made of, in a folder or in a zip file."""
 
+import os
 import re
 import zipfile
+import zlib
 from collections.abc import Collection
 from functools import cached_property
 from pathlib import Path
@@ -10,7 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from entrack.errors import EntrackError
+from entrack.files import read_bytes
 
+_LARGEST = 64_000_000  # bytes of one text: a million frames
+_ZIP_ERRORS = (OSError, ValueError, EOFError, NotImplementedError, zipfile.BadZipFile)
 _MEANING = {4: "x, y, w, h", 8: "four corners"}
 
 
@@ -19,7 +24,7 @@ class Texts:
 
     def __init__(self, root: Path) -> None:
         self.root = root
-        if not root.exists():
+        if not os.path.exists(root):
             raise EntrackError(f"there is no folder or file {root}")
         if not root.is_dir() and not zipfile.is_zipfile(root):
             raise EntrackError(f"{root} is neither a folder nor a zip file")
@@ -30,20 +35,27 @@ class Texts:
         if self.root.is_dir():
             found = (p for p in self.root.rglob("*") if p.is_file())
             return frozenset(p.relative_to(self.root).as_posix() for p in found)
-        with zipfile.ZipFile(self.root) as archive:
-            return frozenset(name for name in archive.namelist() if not name.endswith("/"))
+        return frozenset(name for name in self._archive.namelist() if not name.endswith("/"))
 
     def __contains__(self, name: str) -> bool:
-        return (self.root / name).is_file() if self.root.is_dir() else name in self.names
+        if self.root.is_dir():
+            # Which answers for names that no file can have, too: too long, or with a zero byte.
+            return os.path.isfile(self.root / name)
+        return name in self.names
 
     def bytes(self, name: str) -> bytes:
         """Content of one file."""
+        if self.root.is_dir():
+            return read_bytes(self.root / name, _LARGEST)
+        archive = self._archive
         try:
-            if self.root.is_dir():
-                return (self.root / name).read_bytes()
-            return self._archive.read(name)
-        except (OSError, KeyError, zipfile.BadZipFile) as error:
+            with archive.open(name) as file:
+                data = file.read(_LARGEST + 1)  # whatever size the archive states
+        except (*_ZIP_ERRORS, KeyError, RuntimeError, zlib.error) as error:
             raise EntrackError(f"cannot read {self.root / name}: {error}") from error
+        if len(data) > _LARGEST:
+            raise EntrackError(f"{self.root / name} has more than {_LARGEST} bytes")
+        return data
 
     def text(self, name: str) -> str:
         """Content of one file as text."""
@@ -55,7 +67,10 @@ class Texts:
 
     @cached_property
     def _archive(self) -> zipfile.ZipFile:
-        return zipfile.ZipFile(self.root)
+        try:
+            return zipfile.ZipFile(self.root)
+        except _ZIP_ERRORS as error:
+            raise EntrackError(f"{self.root} is no zip file that can be read: {error}") from error
 
 
 def parse_table(text: str, columns: Collection[int], where: str) -> NDArray[np.float64]:

@@ -7,12 +7,13 @@ times. `entrack.evaluation.cluster` does the same on Ray.
 
 import os
 import signal
+import threading
 import traceback
 from collections import Counter, deque
 from collections.abc import Callable, Generator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from multiprocessing import connection, get_context
+from multiprocessing import connection, get_context, parent_process
 from typing import Any, Literal
 
 from entrack.errors import EntrackError
@@ -131,12 +132,21 @@ def run_units(
 def _serve(pipe: Any, work: Work) -> None:
     """Do units until the pipe closes. Ctrl-C is the parent's business."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
     try:
         while True:
             payload = pipe.recv()
             pipe.send(attempt(work, payload, lambda n: pipe.send(("progress", n))))
     except (EOFError, BrokenPipeError, ConnectionResetError):
         pass
+
+
+def _end_with_parent() -> None:
+    """A parent that was killed told nobody: its run may be started again, and two would write."""
+    parent = parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
 
 
 def _how(exitcode: int | None) -> str:

@@ -11,7 +11,7 @@ from entrack import __version__
 from entrack.errors import EntrackError
 from entrack.evaluation.request import Entry
 from entrack.evaluation.score import Row, Scored, Truth
-from entrack.files import write_bytes, writing
+from entrack.files import read_bytes, write_bytes, writing
 
 _SAME = ("tracker", "checksum", "version")
 
@@ -127,8 +127,10 @@ def write_json(path: Path, content: Any) -> None:
 
 def _read_json(path: Path) -> Any:
     try:
-        return json.loads(path.read_text("utf-8"))
-    except ValueError as error:
+        return json.loads(read_bytes(path))
+    except EntrackError:
+        raise
+    except (ValueError, RecursionError) as error:
         raise EntrackError(f"{path} is not what a run writes: {error}") from error
 
 

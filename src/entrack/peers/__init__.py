@@ -162,7 +162,7 @@ def _python_class(spec: str) -> Peer:
         made = getattr(_import(module), name)()
     except ImportError as error:
         raise EntrackError(f"tracker {spec}: cannot import {module}: {error}") from error
-    except AttributeError as error:
+    except Exception as error:  # it is somebody's code, which may do anything
         raise EntrackError(f"tracker {spec}: {error}") from error
     missing = [m for m in ("init", "update") if not callable(getattr(made, m, None))]
     if missing:

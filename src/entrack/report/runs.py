@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from entrack.errors import EntrackError
+from entrack.files import read_bytes
 from entrack.peers import Contender
 from entrack.report.metrics import Metric, headline
 
@@ -141,10 +142,10 @@ def _read(path: Path, names: tuple[str, ...]) -> Row:
 
 def _json(path: Path) -> Any:
     try:
-        return json.loads(path.read_text("utf-8"))
-    except OSError as error:
-        raise EntrackError(f"cannot read {path}: {error.strerror or error}") from error
-    except ValueError as error:
+        return json.loads(read_bytes(path))
+    except EntrackError:
+        raise
+    except (ValueError, RecursionError) as error:
         raise EntrackError(f"{path} is not JSON: {error}") from error
 
 

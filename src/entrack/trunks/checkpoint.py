@@ -12,6 +12,7 @@ from safetensors.torch import load_file, save_file  # pyright: ignore[reportUnkn
 from torch import Tensor, nn
 
 from entrack.errors import EntrackError
+from entrack.files import write_bytes
 
 Optimisers = torch.optim.Optimizer | Mapping[str, torch.optim.Optimizer]
 
@@ -85,9 +86,10 @@ class Log:
         """Rows after the last checkpoint are written again when a run resumes."""
         if not self.path.exists():
             return
-        head, *rows = self.path.read_text().splitlines()
-        kept = [row for row in rows if int(row.split(",")[0]) <= step]
-        self.path.write_text("\n".join([head, *kept]) + "\n")
+        head, *rows = self.path.read_text().splitlines(keepends=True)
+        whole = [row for row in rows if row.endswith("\n")]  # the last may be torn
+        kept = [row for row in whole if int(row.split(",")[0]) <= step]
+        write_bytes(self.path, "".join([head, *kept]).encode())
 
 
 def claim(folder: Path, config: Mapping[str, Any], resume: bool) -> None:

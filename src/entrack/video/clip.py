@@ -4,10 +4,11 @@ from bisect import bisect_left
 from collections import OrderedDict
 from collections.abc import Generator
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
+from entrack.datasets.frames import any_alphabet
 from entrack.errors import EntrackError
-from entrack.video.decoding import frame_rate, pictures, upright
+from entrack.video.decoding import PIXELS, frame_rate, pictures, upright
 from entrack.video.source import Frame
 
 if TYPE_CHECKING:
@@ -16,7 +17,6 @@ if TYPE_CHECKING:
 
 _NEAR = 32  # frames: up to here reading on is as fast as a seek
 _CACHE = 64e6  # bytes of frames that are kept, so that a step back needs no seek
-_PIXELS = 8192 * 4320
 # Containers that hold their own pictures. Playlists and the like name other files and addresses,
 # which a stranger's upload must not have opened.
 _SAFE = {
@@ -63,7 +63,10 @@ class Clip:
         self._kept: OrderedDict[int, Frame] = OrderedDict()
         self._reading: Generator[Frame, None, None] | None = None
         self._next = 0
-        first = self[0].image
+        try:
+            first = self[0].image
+        except IndexError as error:
+            raise EntrackError(f"{self.name} has no frames") from error
         self.size = (first.shape[1], first.shape[0])
 
     def __len__(self) -> int:
@@ -119,11 +122,17 @@ class Clip:
 
         refused = EntrackError(f"{self.name} is not a video that can be read")
         try:
-            container = av.open(str(self._path), options=_SAFE)
+            container = cast(
+                "InputContainer", av.open(str(self._path), options=_SAFE, **any_alphabet())
+            )
         except (FFmpegError, OSError) as error:
             raise refused from error
         video = container.streams.video
-        if not video or not 0 < video[0].width * video[0].height <= _PIXELS:
+        if (
+            not video
+            or video[0].codec_context is None  # pyright: ignore[reportUnnecessaryComparison]
+            or not 0 < video[0].width * video[0].height <= PIXELS
+        ):
             container.close()
             raise refused
         return container

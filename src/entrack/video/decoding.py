@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, cast
 
 import cv2
 
-from entrack.datasets.frames import Image
+from entrack.datasets.frames import Image, any_alphabet
 from entrack.errors import EntrackError
 from entrack.video.source import Frame, Source
 
@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     from av.video.frame import VideoFrame
     from av.video.stream import VideoStream
 
+PIXELS = 8192 * 4320
+"""Of the largest video."""
 _SLACK = 0.5  # seconds that a whole video may lack of the length in its header
 _NETWORK_WAIT = 10.0  # seconds until a silent server is given up
 
@@ -27,7 +29,15 @@ def open_video(name: str, address: str, start: int, stop: int | None) -> Source:
 
     timeout = _NETWORK_WAIT if "://" in address else None
     try:
-        container = av.open(address, options={"rtsp_transport": "tcp"}, timeout=timeout)
+        container = cast(
+            "InputContainer",
+            av.open(
+                address,
+                options={"rtsp_transport": "tcp"},
+                timeout=timeout,
+                **any_alphabet(),
+            ),
+        )
     except (FFmpegError, OSError) as error:
         raise EntrackError(f"{name} cannot be read as a video: {error.strerror}") from error
     # FFmpeg would play a text file as terminal art.
@@ -35,6 +45,12 @@ def open_video(name: str, address: str, start: int, stop: int | None) -> Source:
         container.close()
         raise EntrackError(f"{name} is not a video")
     stream = container.streams.video[0]
+    if stream.codec_context is None:  # pyright: ignore[reportUnnecessaryComparison]
+        container.close()
+        raise EntrackError(f"{name} is a video of a kind that cannot be decoded")
+    if stream.width * stream.height > PIXELS:
+        container.close()
+        raise EntrackError(f"{name} has {stream.width}×{stream.height} pixels, 8K is the most")
     fps, seconds = frame_rate(stream), _promised_seconds(stream)
     length = stream.frames or (round(seconds * fps) if seconds else None)
     return Source(name, _decode(name, container, start), fps, length, start, stop)
@@ -53,7 +69,9 @@ def _promised_seconds(stream: "VideoStream") -> float:
     if not clock:
         return 0.0
     hours, minutes, seconds = map(float, clock.groups())
-    return hours * 3600 + minutes * 60 + seconds
+    # Matroska's is where the video ends, and it may begin late.
+    late = float((stream.start_time or 0) * (stream.time_base or 0))
+    return max(0.0, hours * 3600 + minutes * 60 + seconds - max(0.0, late))
 
 
 def _decode(name: str, container: "InputContainer", start: int) -> Generator[Frame, None, None]:

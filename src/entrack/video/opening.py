@@ -2,6 +2,7 @@
 
 import glob
 import itertools
+import os
 import re
 import time
 from collections.abc import Generator
@@ -16,6 +17,7 @@ from entrack.errors import EntrackError
 from entrack.video.decoding import open_video
 from entrack.video.source import Frame, Source
 
+_DIGITS = 9  # of a camera's number
 _PICTURES_PER_SECOND = 25.0  # pictures in a folder carry no time
 
 
@@ -36,19 +38,20 @@ def open_source(source: str | Path | int, start: int = 0, stop: int | None = Non
     """
     if start < 0 or (stop is not None and stop <= start):
         raise EntrackError(f"start must be ≥ 0 and stop later, found {start} and {stop}")
-    text, path = str(source), Path(source) if isinstance(source, str) else source
+    text, path = str(source), Path(str(source))
     if "://" in text:
         return open_video(text, text, start, stop)
-    if isinstance(path, int) or (text.isdecimal() and not path.exists()):
-        return _open_camera(int(text), start, stop)
-    if path.is_dir():
+    # os.path answers for names that no file can have, too: too long, or with a zero byte.
+    if isinstance(source, int) or (text.isdecimal() and not os.path.exists(text)):
+        return _open_camera(text, start, stop)
+    if os.path.isdir(text):
         paths = [p for p in path.glob("[!.]*") if p.suffix.lower() in PICTURES]
         if not paths:
             raise EntrackError(f"folder {path} holds no pictures ({' '.join(sorted(PICTURES))})")
         return _open_pictures(path.resolve().name, paths, start, stop)
-    if path.exists():
+    if os.path.exists(text):
         return open_video(path.name, text, start, stop)
-    if glob.has_magic(text):
+    if glob.has_magic(text) and "\0" not in text:
         paths = [Path(p) for p in glob.glob(text, recursive=True)]
         if not paths:
             raise EntrackError(f"no file matches {text}")
@@ -71,7 +74,10 @@ def _natural(path: Path) -> list[str | int]:
     return [int(part) if part.isdecimal() else part for part in re.split(r"(\d+)", str(path))]
 
 
-def _open_camera(number: int, start: int, stop: int | None) -> Source:
+def _open_camera(name: str, start: int, stop: int | None) -> Source:
+    if len(name) > _DIGITS:
+        raise EntrackError(f"there is no camera {name[:20]}…")
+    number = int(name)
     level = logging.setLogLevel(logging.LOG_LEVEL_ERROR)  # it would tell of each driver it tried
     camera = cv2.VideoCapture(number)
     logging.setLogLevel(level)

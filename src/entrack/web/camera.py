@@ -65,7 +65,10 @@ class Recording:
     def __getitem__(self, index: int) -> Frame:
         moment = self._times[index]
         data = np.frombuffer(self._path(index).read_bytes(), np.uint8)
-        image = cast(Image | None, cv2.imdecode(data, cv2.IMREAD_COLOR) if len(data) else None)
+        try:
+            image = cast(Image | None, cv2.imdecode(data, cv2.IMREAD_COLOR))
+        except cv2.error:  # nothing at all, or more pixels than a picture may have
+            image = None
         if image is None:
             raise EntrackError("the camera sent something that is no picture")
         return Frame(index, moment, image)

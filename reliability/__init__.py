@@ -1,0 +1,1 @@
+"""What entrack survives: programs that measure it, a line of figures and a JSON file each."""

@@ -1,0 +1,200 @@
+"""The short forms of `reliability/`: what was found once, a little fuzzing, a few broken videos."""
+
+import socket
+from pathlib import Path
+
+import numpy as np
+import pytest
+from reliability.corpus import FAULTS, GOOD, write
+from reliability.faults import look
+from reliability.fuzz import attempt, fuzz, guarded
+from reliability.targets import TARGETS, Means
+
+import entrack
+from entrack import EntrackError
+from entrack import filter as cf
+from entrack.config import Config, WindowConfig
+from entrack.model import assets, load_model, sha256
+from entrack.policy import load_policy
+from entrack.tracker import Tracker
+from entrack.video import Clip, open_source
+
+KEPT = sorted((Path(__file__).parent / "fuzz").glob("*/*"))
+
+
+@pytest.mark.parametrize("path", KEPT, ids=lambda path: f"{path.parent.name}-{path.name}")
+def test_inputs_that_once_broke_it_are_answered(path: Path, tmp_path: Path) -> None:
+    target, _ = TARGETS[path.parent.name]
+    with guarded():
+        assert attempt(target, path.read_bytes(), tmp_path) is None
+
+
+@pytest.mark.parametrize("name", TARGETS)
+def test_fuzzing_finds_nothing(name: str, tmp_path: Path) -> None:
+    _, share = TARGETS[name]
+    count, faults = fuzz(name, 40 * share, 1, tmp_path)
+    assert count == 40 * share and not faults
+
+
+@pytest.mark.parametrize("name", ["mkv-late", "mkv", "grey16", "ten-bit", "tiny", "mov-rotated"])
+def test_a_good_video_is_tracked_to_its_end(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(entrack, "load", entrack.load)  # `look` puts a cheap one in its place
+    path = tmp_path / f"{name}.{GOOD[name].suffix}"
+    write(path, GOOD[name])
+    ended, wrong, _ = look(path)
+    assert (ended, wrong) == ("whole", [])
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_damaged_video_ends_in_a_result_or_one_sentence(
+    fault: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import random
+
+    monkeypatch.setattr(entrack, "load", entrack.load)
+    good = tmp_path / "good.mkv"
+    write(good, GOOD["mkv"])
+    path = tmp_path / f"mkv.{fault}0.mkv"
+    for seed in range(3):
+        path.write_bytes(FAULTS[fault](good.read_bytes(), random.Random(seed)))
+        assert look(path)[1] == []
+
+
+def test_a_picture_that_claims_a_billion_pixels_is_refused(tmp_path: Path) -> None:
+    from entrack.datasets.frames import ImageFiles
+
+    header = b"BM" + bytes(8) + (54).to_bytes(4, "little") + (40).to_bytes(4, "little")
+    header += (30_000).to_bytes(4, "little") * 2 + b"\x01\0\x18\0" + bytes(24)
+    (tmp_path / "bomb.bmp").write_bytes(header)
+    with pytest.raises(EntrackError, match="not a picture"):
+        ImageFiles([tmp_path / "bomb.bmp"])[0]
+
+
+CONTENTS = {
+    "black": np.zeros((60, 80, 3), np.uint8),
+    "white": np.full((60, 80, 3), 255, np.uint8),
+    "grey": np.full((60, 80, 3), 127, np.uint8),
+    "noise": np.random.default_rng(0).integers(0, 256, (60, 80, 3), np.uint8),
+}
+
+
+@pytest.mark.parametrize("name", ["default", "policy"])
+@pytest.mark.parametrize("content", CONTENTS)
+def test_no_number_leaves_the_tracker_that_is_none(name: str, content: str) -> None:
+    tracker, image = entrack.load(name, threads=1), CONTENTS[content]
+    tracker.init(image, (30, 20, 20, 15))
+    for k in range(4):
+        said = tracker.update(np.roll(image, k, axis=1))
+        assert np.isfinite([*said.box, said.score, *said.search]).all()
+        assert said.sigma is None or np.isfinite(said.sigma).all()
+        assert 0 <= said.box[0] + said.box[2] / 2 <= 80 and (said.box[2:] <= [100, 75]).all()
+        assert (said.box[2:] >= [4 - 1e-9, 3 - 1e-9]).all()
+
+
+def test_a_template_of_zeros_has_a_finite_filter() -> None:
+    nothing = cf.spectrum(np.zeros((3, 18, 18), np.float32))
+    weights = cf.fit(nothing, cf.spectrum(cf.label(18, 1.8)), 0.01)
+    assert np.isfinite(weights).all() and not cf.respond(weights, nothing).any()
+
+
+def test_a_network_that_overflows_leaves_the_box_and_says_lost() -> None:
+    class Broken(Means):
+        broken = False
+
+        def __call__(self, patches: np.ndarray) -> np.ndarray:
+            features = super().__call__(patches)
+            return features * np.float32("nan") if self.broken else features
+
+    trunk = Broken()
+    tracker = Tracker(Config(window=WindowConfig(size=64)), trunk)
+    tracker.init(CONTENTS["noise"], (30, 20, 20, 15))
+    trunk.broken = True
+    said = tracker.update(CONTENTS["noise"])
+    assert np.isfinite(said.box).all() and said.score == 0 and said.lost
+
+
+def test_the_filter_in_single_precision_is_that_in_double() -> None:
+    rng = np.random.default_rng(0)
+    x, z = rng.standard_normal((2, 32, 18, 18))
+    label = np.fft.rfft2(cf.label(18, 1.8).astype(np.float64))
+    spectrum = np.fft.rfft2(x)
+    energy = (np.abs(spectrum) ** 2).sum(0)
+    weights = spectrum.conj() * label / (energy + 0.01 * energy.mean())
+    exact = np.fft.irfft2((weights * np.fft.rfft2(z)).sum(0), s=(18, 18))
+    single = [cf.spectrum(a.astype(np.float32)) for a in (x, z)]
+    ours = cf.respond(cf.fit(single[0], label.astype(np.complex64), 0.01), single[1])
+    np.testing.assert_allclose(ours, exact, atol=1e-5)
+
+
+def test_one_thread_and_two_say_the_same() -> None:
+    said = []
+    for threads in (1, 2):
+        tracker = entrack.load("default", threads=threads)
+        with open_source(assets() / "demo" / "clip.mp4", stop=6) as source:
+            tracker.init(source.first.image, (148, 153, 102, 94))
+            said.append([tracker.update(frame.image).box for frame in source if frame.index])
+    np.testing.assert_allclose(said[0], said[1], atol=1e-3)
+
+
+def test_the_main_job_needs_no_network(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object, **__: object) -> None:
+        raise AssertionError("a socket was opened")
+
+    for name in ("connect", "connect_ex", "bind", "sendto"):
+        monkeypatch.setattr(socket.socket, name, refuse, raising=False)
+    from entrack.cli.app import main
+
+    call = ["track", str(assets() / "demo" / "clip.mp4"), "--box", "148,153,102,94", "--stop", "4"]
+    assert main([*call, "--boxes", str(tmp_path / "é ü.csv")]) == 0
+    assert (tmp_path / "é ü.csv").read_text().count("\n") == 5
+
+
+@pytest.mark.parametrize("name", ["trunk.xml", "trunk.pkl", "policy.pt"])
+def test_a_model_is_numbers_only(name: str, tmp_path: Path) -> None:
+    (tmp_path / name).write_bytes(b"anything")
+    digest = sha256(tmp_path / name)
+    text = f'name = "a"\ndescription = ""\n[config]\n[files.trunk]\npath = "{name}"\n'
+    (tmp_path / "model.toml").write_text(f'{text}sha256 = "{digest}"\n')
+    with pytest.raises(EntrackError, match=r"a model's files are \.onnx and \.safetensors"):
+        load_model(tmp_path)
+
+
+def test_weights_outside_the_checksum_are_refused(tmp_path: Path) -> None:
+    from entrack.trunk import load_trunk
+
+    (tmp_path / "trunk.onnx").write_bytes(b"\n\x08location\x12\x07weights")
+    with pytest.raises(EntrackError, match="which no checksum covers"):
+        load_trunk(tmp_path / "trunk.onnx")
+
+
+def test_a_policy_of_the_wrong_shape_is_found_when_it_is_read(tmp_path: Path) -> None:
+    from safetensors.numpy import load_file, save_file
+
+    model = load_model("policy")
+    assert model.policy is not None and model.config.policy is not None
+    weights = load_file(model.policy)
+    weights["head.weight"] = weights["head.weight"][:, :-1].copy()
+    save_file(weights, tmp_path / "policy.safetensors")
+    with pytest.raises(EntrackError, match="holds no conditioned policy"):
+        load_policy(tmp_path / "policy.safetensors", model.config.policy)
+
+
+def test_tags_of_a_video_may_be_in_any_alphabet(tmp_path: Path) -> None:
+    path = tmp_path / "tagged.mkv"
+    write(path, GOOD["mkv"])
+    data = path.read_bytes()
+    assert b"ENCODER" in data
+    path.write_bytes(data.replace(b"ENCODER", b"\xc9NCODER"))  # Latin-1
+    with open_source(path) as source, Clip(path) as clip:
+        assert len(list(source)) == len(clip) == 24
+
+
+def test_a_clip_without_a_frame_is_one_sentence(tmp_path: Path) -> None:
+    path = tmp_path / "cut.mkv"
+    write(path, GOOD["mkv"])
+    for size in (300, 500, 700, 900, 1100):
+        path.write_bytes(path.read_bytes()[:size])
+        with pytest.raises(EntrackError):
+            Clip(path)
