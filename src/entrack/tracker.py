@@ -19,6 +19,10 @@ from entrack.policy import Policy
 from entrack.state import State, held
 from entrack.trunk import Trunk
 
+PLACES = 128
+"""Centres and sizes are multiples of 1 / 128 pixel. Engines differ in the last bits of a float,
+which would grow from frame to frame; cut off, an exported model gives the same boxes."""
+
 
 @dataclass(frozen=True)
 class Estimate:
@@ -319,7 +323,7 @@ class Tracker:
         first = target.first[2:]
         size = np.clip(answer.box[2:], limits.smallest * first, limits.largest * first)
         centre = np.clip(boxes_.centre(answer.box), 0, self._size)
-        target.box = boxes_.from_centre(centre, size)
+        target.box = boxes_.from_centre(*(np.round(v * PLACES) / PLACES for v in (centre, size)))
         evidence = config.bias + sum(
             getattr(config, name) * value for name, value in answer.evidence.items()
         )
