@@ -91,7 +91,7 @@ class Step(nn.Module):
         n = self.n
         taper = cf.hann(n) if config.filter.hann else np.ones((n, n), np.float32)
         label = cf.spectrum(cf.label(n, config.filter.label_sigma * n / config.window.context))
-        turns = np.exp(-2j * np.pi / n * np.outer(np.arange(n), np.arange(n)))
+        turns: np.ndarray = np.exp(-2j * np.pi / n * np.outer(np.arange(n), np.arange(n)))
         once = np.where(np.arange(n // 2 + 1) % (n / 2) == 0, 1, 2)  # irfft counts the rest twice
         back = turns[: n // 2 + 1].conj() * once[:, None] / n**2
         half = config.scale.steps // 2
@@ -288,7 +288,7 @@ def _channels(trunk: Path) -> int:
 
     session = ort.InferenceSession(str(trunk), providers=["CPUExecutionProvider"])
     size = np.zeros((1, 3, 64, 64), np.float32)
-    return np.shape(session.run(None, {session.get_inputs()[0].name: size})[0])[1]
+    return session.run(None, {session.get_inputs()[0].name: size})[0].shape[1]  # type: ignore[union-attr]
 
 
 def _write_step(step: Step, c: int, path: Path) -> None:
