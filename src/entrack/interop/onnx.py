@@ -14,6 +14,7 @@ import json
 import shutil
 import warnings
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -91,7 +92,7 @@ class Step(nn.Module):
         n = self.n
         taper = cf.hann(n) if config.filter.hann else np.ones((n, n), np.float32)
         label = cf.spectrum(cf.label(n, config.filter.label_sigma * n / config.window.context))
-        turns: np.ndarray = np.exp(-2j * np.pi / n * np.outer(np.arange(n), np.arange(n)))
+        turns: Any = np.exp(-2j * np.pi / n * np.outer(np.arange(n), np.arange(n)))
         once = np.where(np.arange(n // 2 + 1) % (n / 2) == 0, 1, 2)  # irfft counts the rest twice
         back = turns[: n // 2 + 1].conj() * once[:, None] / n**2
         half = config.scale.steps // 2
