@@ -19,6 +19,10 @@ from entrack.policy import Policy
 from entrack.state import State, held, shifted
 from entrack.trunk import Trunk
 
+PLACES = 128
+"""Centres and sizes are multiples of 1 / 128 pixel. Engines differ in the last bits of a float,
+which would grow from frame to frame; cut off, an exported model gives the same boxes."""
+
 
 @dataclass(frozen=True)
 class Estimate:
@@ -328,6 +332,7 @@ class Tracker:
         answer = answer if sound else answer._replace(box=target.box)
         size = np.clip(answer.box[2:], limits.smallest * first, limits.largest * first)
         centre = np.clip(boxes_.centre(answer.box), 0, self._size)
+        centre, size = (np.round(v * PLACES) / PLACES for v in (centre, size))
         searched, target.box = target.box, boxes_.from_centre(centre, size)
         evidence = config.bias + sum(
             getattr(config, name) * value for name, value in answer.evidence.items()

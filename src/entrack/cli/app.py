@@ -30,6 +30,7 @@ COMMANDS = {
     "calibrate": "Fit a model's score to your own footage.",
     "bench": "Measure how fast this machine tracks.",
     "data": "List, check and make datasets.",
+    "export": "Write a model as ONNX files that run without entrack.",
     "vot": "Prepare a workspace of vot-toolkit.",
     "trunk": "Train, import, quantise and inspect trunks.",
 }

@@ -1,0 +1,343 @@
+"""`entrack export`: a model as two ONNX files that run without entrack.
+
+`trunk.onnx` makes features of patches; `step.onnx` is all that follows until the box, as a pure
+function: what is remembered goes in, and comes out. The first frame needs no graph of its own: a
+`rate` of 1 replaces the template.
+
+Each function here is one of `entrack.filter`, `state` or `policy` in torch, by the same name and in
+the same order, on the same weights: who changes one there changes it here, and the tests compare
+whole sequences. Transforms of 18 × 18 maps are matrix products, so the graph has no FFT.
+"""
+# pyright: basic
+
+import json
+import shutil
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+import torch.nn.functional as F
+from torch import Tensor, nn
+
+from entrack import filter as cf
+from entrack.config import Config
+from entrack.errors import require
+from entrack.files import unfinished, write_bytes
+from entrack.model import Model, assets
+from entrack.policy import LOG_STD, OUTWARDS, Policy, load_policy
+from entrack.state import GRID, GROWN, Conditioned
+from entrack.state import _resize as resize_matrix  # pyright: ignore[reportPrivateUsage]
+from entrack.tracker import PLACES
+
+
+def export_model(model: Model, out: Path) -> list[Path]:
+    """Write trunk.onnx, step.onnx, model.json, track.py and README.md into `out`."""
+    require("onnx", "train")
+    out.mkdir(parents=True, exist_ok=True)
+    policy = None
+    if model.policy and model.config.policy:
+        policy = load_policy(model.policy, model.config.policy)
+    channels = _channels(model.trunk)
+    step = Step(model.config, policy, channels)
+    _write_step(step, channels, out / "step.onnx")
+    write_bytes(out / "trunk.onnx", model.trunk.read_bytes())
+    config = model.config
+    half = config.scale.steps // 2
+    facts = {
+        "model": model.name,
+        "checksum": model.checksum,
+        "policy": policy is not None,
+        "size": config.window.size,
+        "context": config.window.context,
+        "square": config.window.shape == "square",
+        "border": config.window.border,
+        "zooms": (config.scale.factor ** np.arange(-half, half + 1.0)).tolist(),
+        "rate": config.update.rate,
+        "min_score": config.update.min_score,
+        "smallest": config.limits.smallest,
+        "largest": config.limits.largest,
+        "places": PLACES,
+    }
+    write_bytes(out / "model.json", (json.dumps(facts, indent=1) + "\n").encode())
+    shutil.copyfile(assets() / "export" / "track.py.txt", out / "track.py")
+    text = _CARD.format(
+        name=model.name, size=config.window.size, n=step.n, c=channels, k=config.scale.steps,
+        memory=_MEMORY.format(c=channels, n=step.n) if step.remembers else "",
+        sigma=_SIGMA if policy else "",
+    )  # fmt: skip
+    write_bytes(out / "README.md", text.encode())
+    return [out / n for n in ("trunk.onnx", "step.onnx", "model.json", "track.py", "README.md")]
+
+
+class Step(nn.Module):
+    """Filter and policy: eqs. 1–7 and 14, for one target."""
+
+    taper: Tensor
+    label_re: Tensor
+    label_im: Tensor
+    rows_re: Tensor
+    rows_im: Tensor
+    columns_re: Tensor
+    columns_im: Tensor
+    back_re: Tensor
+    back_im: Tensor
+    zooms: Tensor
+    penalties: Tensor
+
+    def __init__(self, config: Config, policy: Policy | None, channels: int) -> None:
+        super().__init__()
+        self.config, self.policy, self.n = config, policy, config.window.size // 16
+        n = self.n
+        taper = cf.hann(n) if config.filter.hann else np.ones((n, n), np.float32)
+        label = cf.spectrum(cf.label(n, config.filter.label_sigma * n / config.window.context))
+        turns: Any = np.exp(-2j * np.pi / n * np.outer(np.arange(n), np.arange(n)))
+        once = np.where(np.arange(n // 2 + 1) % (n / 2) == 0, 1, 2)  # irfft counts the rest twice
+        back = turns[: n // 2 + 1].conj() * once[:, None] / n**2
+        half = config.scale.steps // 2
+        steps = np.arange(-half, half + 1)
+        arrays = {
+            "taper": taper, "label_re": label.real, "label_im": label.imag,
+            "rows_re": turns.real[:, : n // 2 + 1], "rows_im": turns.imag[:, : n // 2 + 1],
+            "columns_re": turns.real, "columns_im": turns.imag,
+            "back_re": back.real, "back_im": back.imag,
+            "zooms": config.scale.factor ** steps.astype(np.float64),
+            "penalties": config.scale.penalty ** np.abs(steps),
+        }  # fmt: skip
+        for name, array in arrays.items():
+            self.register_buffer(name, torch.from_numpy(np.array(array, np.float32)))
+        self.remembers = policy is not None and isinstance(policy.f1, Conditioned)
+        weights = {} if policy is None else _weights(policy)
+        self.w = {name: torch.from_numpy(np.array(w, np.float32)) for name, w in weights.items()}
+
+    def forward(
+        self, features: Tensor, template: Tensor, rate: Tensor, held: Tensor,
+        first: Tensor, roi: Tensor,
+    ) -> tuple[Tensor, ...]:  # fmt: skip
+        """See the card that `export_model` writes."""
+        template = (1 - rate) * template + rate * (features[0] * self.taper)  # eq. 14
+        responses = self.respond(template, features[1:] * self.taper)
+        best = (responses.amax((1, 2)) * self.penalties).argmax(0, keepdim=True)
+        zoom = self.zooms[best]
+        growth = 1 + self.config.scale.rate * (zoom - 1)
+        if self.policy is None:
+            dx, dy, height, psr = self.peak(responses[best][0])
+            offset = torch.stack([dx, dy]) * zoom / self.n
+            return template, torch.cat([offset, growth, growth]), self.score(height, psr)
+        middle = self.config.scale.steps // 2
+        response, z = responses[middle], features[1 + middle]
+        _, _, height, psr = self.peak(response)
+        mean, log_std = self.act(z, response, held, first, roi)
+        reach = self.policy.config.reach
+        action = reach * torch.tanh(mean)
+        log_std = log_std.clamp(*LOG_STD)
+        sigma = log_std.exp() * reach * (1 - torch.tanh(mean) ** 2)
+        low, high = action[:2] - 0.5, action[2:] + 0.5  # eq. 7, in box sizes from its centre
+        low, high = torch.minimum(low, high), torch.maximum(low, high)
+        offset, size = (low + high) / 2 * held[:2], self.temper(high - low, growth)
+        score = self.score(height, psr, sigma.log().mean())
+        return template, torch.cat([offset, size]), score, sigma
+
+    def temper(self, size: Tensor, searched: Tensor) -> Tensor:
+        """`Tracker._acted`: how much of the change of size is the scale search's."""
+        assert self.policy is not None
+        config = self.policy.config
+        if not (config.search or config.keep_aspect):
+            return size
+        growth = size.clamp_min(1e-6).log()
+        if config.keep_aspect:
+            growth = growth.mean(0, keepdim=True).expand(2)
+        return torch.exp((1 - config.search) * growth + config.search * searched.log())
+
+    def score(self, height: Tensor, psr: Tensor, sigma: Tensor | float = 0.0) -> Tensor:
+        """`ScoreConfig`."""
+        c = self.config.score
+        evidence = c.bias + c.peak * height + c.psr * psr.clamp_min(1e-3).log() + c.sigma * sigma
+        return torch.sigmoid(evidence)
+
+    # -- entrack.filter --------------------------------------------------------------------------
+
+    def spectrum(self, x: Tensor) -> tuple[Tensor, Tensor]:
+        """Real and imaginary part of the 2D Fourier transform."""
+        re, im = x @ self.rows_re, x @ self.rows_im
+        return (
+            self.columns_re @ re - self.columns_im @ im,
+            self.columns_re @ im + self.columns_im @ re,
+        )
+
+    def respond(self, template: Tensor, z: Tensor) -> Tensor:
+        """M (k, n, n): eqs. 1–3 at once; the label and the energy are the same for all channels."""
+        (x_re, x_im), (z_re, z_im) = self.spectrum(template), self.spectrum(z)
+        energy = (x_re**2 + x_im**2).sum(0)
+        energy = energy + self.config.filter.regularisation * energy.mean() + 1.2e-38
+        re, im = (x_re * z_re + x_im * z_im).sum(1), (x_re * z_im - x_im * z_re).sum(1)
+        y_re, y_im = self.label_re / energy, self.label_im / energy
+        re, im = re * y_re - im * y_im, re * y_im + im * y_re
+        along = (
+            self.columns_re @ re + self.columns_im @ im,
+            self.columns_re @ im - self.columns_im @ re,
+        )
+        return along[0] @ self.back_re - along[1] @ self.back_im
+
+    def peak(self, response: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+        """`filter.peak`: dx, dy in cells, height, peak-to-sidelobe ratio."""
+        n, flat = self.n, response.flatten()
+        at = flat.argmax(0)
+        i, j = torch.div(at, n, rounding_mode="floor"), at % n
+
+        def around(down: int, right: int) -> Tensor:
+            return flat[((i + down + n) % n) * n + (j + right + n) % n]
+
+        def vertex(before: Tensor, after: Tensor) -> Tensor:
+            bend = before - 2 * flat[at] + after
+            top = (0.5 * (before - after) / torch.where(bend < 0, bend, -1.0)).clamp(-0.5, 0.5)
+            return torch.where(bend < 0, top, 0.0)
+
+        k = torch.arange(n)
+        near = [((k - c + n + n // 2) % n - n // 2).abs() <= 2 for c in (i, j)]
+        side = 1 - (near[0][:, None] & near[1][None]).float()
+        mean = (response * side).sum() / side.sum()
+        deviation = ((((response - mean) * side) ** 2).sum() / side.sum()).sqrt()
+        dx = j - n // 2 + vertex(around(0, -1), around(0, 1))
+        dy = i - n // 2 + vertex(around(-1, 0), around(1, 0))
+        return dx, dy, flat[at], (flat[at] - mean) / (deviation + 1e-6)
+
+    # -- entrack.state and entrack.policy --------------------------------------------------------
+
+    def act(
+        self, features: Tensor, response: Tensor, held: Tensor, first: Tensor, roi: Tensor
+    ) -> tuple[Tensor, Tensor]:
+        """μ and log σ (4,) of s = (f1(Z), f2(M))."""
+        w = self.w
+        if not self.remembers:  # state.Linear, policy.LinearHead
+            z = (w["f1.weight"] @ features.flatten(1)).flatten() + w["f1.bias"]
+            m = (w["resize"] @ response @ w["resize"].T).flatten()
+            mean = w["mean.weight"] @ z + w["mean.bias"]
+            return mean, w["log_std.weight"] @ m + w["log_std.bias"]
+        z = self.conditioned(features, response, held, self.sample_grid(first, roi))
+        out = w["head.weight"] @ z + w["head.bias"][:, None]  # policy.AttentionHead
+        attention = torch.softmax(out[0] + w["head.beta"] * response.flatten(), 0)
+        x, y = self.along().repeat(self.n), self.along().repeat_interleave(self.n)
+        outwards = torch.from_numpy(OUTWARDS)
+        places = torch.stack([x / held[0], y / held[1], x / held[0], y / held[1]])
+        sides = places + out[1:5].exp() * outwards[:, None]
+        assert self.policy is not None
+        offset = ((sides @ attention - outwards) / self.policy.config.reach).clamp(-0.999, 0.999)
+        return 0.5 * ((1 + offset) / (1 - offset)).log(), out[5:9] @ attention
+
+    def conditioned(
+        self, features: Tensor, response: Tensor, held: Tensor, points: Tensor
+    ) -> Tensor:
+        """`state.Conditioned`."""
+        w, n = self.w, self.n
+
+        def project(x: Tensor, name: str) -> Tensor:
+            return w[f"f1.{name}.weight"] @ x.flatten(1) + w[f"f1.{name}.bias"][:, None]
+
+        keys = F.normalize(project(points, "match"), dim=0)
+        gate = project(points[:, 1:-1, 1:-1].mean((1, 2))[:, None], "gate")
+        matched = F.normalize(project(features, "match"), dim=0)
+        planes = torch.stack([2 * response, response / response.max().clamp_min(0.05)]).flatten(1)
+        seen = [4 * keys.T @ matched, torch.relu(project(features, "belong")) * gate]
+        seen += [project(features, "itself"), planes, self.place(held)]
+        x = torch.relu(w["f1.mix.weight"] @ torch.cat(seen) + w["f1.mix.bias"][:, None])
+        x = x.reshape(1, -1, n, n)
+        for k in range(sum("convs" in name and "weight" in name for name in w)):
+            kernel = w[f"f1.convs.{k}.weight"].reshape(-1, 3, 3, x.shape[1]).permute(0, 3, 1, 2)
+            x = x + torch.relu(F.conv2d(x, kernel, w[f"f1.convs.{k}.bias"], padding=1))
+        return x[0].flatten(1)
+
+    def place(self, held: Tensor) -> Tensor:
+        """`state.place`."""
+        n, along = self.n, self.along()
+        x, y = along.repeat(n, 1), along[:, None].repeat(1, n)
+        soft = [torch.sigmoid(40 * (held[k] / 2 - c.abs())) for k, c in enumerate((x, y))]
+        grown = [held[k].expand(n, n) for k in (2, 3)]
+        planes = [2 * x, 2 * y, 4 * (x * x + y * y), soft[0] * soft[1], *grown]
+        return torch.stack(planes).flatten(1)
+
+    def along(self) -> Tensor:
+        """Centres of the cells from the window's, in shares of its side."""
+        return (torch.arange(self.n) + 0.5) / self.n - 0.5
+
+    def sample_grid(self, features: Tensor, roi: Tensor) -> Tensor:
+        """`state.sample_grid`; linear interpolation as a tent around each place."""
+        along = (torch.arange(GRID) + 0.5) / GRID - 0.5
+        cells = torch.arange(self.n).float()
+        x, y = [
+            (roi[k] + roi[k + 2] / 2 + along * roi[k + 2] * GROWN) * self.n - 0.5 for k in (0, 1)
+        ]
+        columns, rows = [
+            (1 - (p.clamp(0, self.n - 1)[:, None] - cells).abs()).clamp_min(0) for p in (x, y)
+        ]
+        return rows @ features @ columns.T
+
+
+def _weights(policy: Policy) -> dict[str, np.ndarray]:
+    """Everything that f1 and the head know, by the names in policy.safetensors."""
+    head: dict[str, np.ndarray] = dict(policy.head.w)  # type: ignore[attr-defined]
+    if isinstance(policy.f1, Conditioned):
+        own = {f"f1.{name}": w for name, w in policy.f1.w.items()}
+        return {**own, **{k: w for k, w in head.items() if k.startswith("head.")}}
+    return {**head, "resize": resize_matrix(18, policy.head.side)}
+
+
+def _channels(trunk: Path) -> int:
+    """C of Z, of the file's last convolution."""
+    import onnxruntime as ort
+
+    session = ort.InferenceSession(str(trunk), providers=["CPUExecutionProvider"])
+    size = np.zeros((1, 3, 64, 64), np.float32)
+    return session.run(None, {session.get_inputs()[0].name: size})[0].shape[1]  # type: ignore[union-attr]
+
+
+def _write_step(step: Step, c: int, path: Path) -> None:
+    n, k = step.n, step.config.scale.steps
+    sizes = {
+        "features": (1 + k, c, n, n), "template": (c, n, n), "rate": (), "held": (4,),
+        "first": (c, n, n), "roi": (4,),
+    }  # fmt: skip
+    outputs = ["template_out", "move", "score"] + (["sigma"] if step.policy else [])
+    values = tuple(torch.rand(size) for size in sizes.values())
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        torch.onnx.export(
+            step.eval(), values, str(unfinished(path)), input_names=list(sizes),
+            output_names=outputs, opset_version=17, dynamo=False,
+        )  # fmt: skip
+    unfinished(path).replace(path)
+
+
+_MEMORY = """| `first` | float32 ({c}, {n}, {n}) | Z of the first frame's window |
+| `roi` | float32 (4,) | the first box in that window: x, y, w, h in shares of its side |
+"""
+_SIGMA = (
+    "| `sigma` | float32 (4,) | standard deviation of left, top, right, bottom, in box sizes |\n"
+)
+_CARD = """# {name}, exported by entrack
+
+`python track.py VIDEO X,Y,W,H` prints a box and a score a frame; it needs numpy, OpenCV and
+onnxruntime, no entrack, and says in a few lines how the files are used. `model.json` has the numbers.
+
+## trunk.onnx
+in: float32 (N, 3, {size}, {size}), BGR pixels in [0, 255]; out: float32 (N, {c}, {n}, {n}), Z.
+
+## step.onnx: filter and policy, a pure function
+| input | | |
+|---|---|---|
+| `features` | float32 ({k} + 1, {c}, {n}, {n}) | Z of the window at the last box in the last frame, then of this frame's windows, one for each of `zooms` |
+| `template` | float32 ({c}, {n}, {n}) | `template_out` of the call before; zeros in the first |
+| `rate` | float32 () | 1 in the first call; then `rate` of model.json, or 0 if the last score was below `min_score` |
+| `held` | float32 (4,) | last box's width and height in shares of the window's; logarithms of both in units of the first box's |
+{memory}
+| output | | |
+|---|---|---|
+| `template_out` | float32 ({c}, {n}, {n}) | goes in again |
+| `move` | float32 (4,) | by how much of the window's (zoom 1) width and height the centre moves; what width and height are multiplied by |
+| `score` | float32 () | in [0, 1]: the box overlaps the target |
+{sigma}
+Centre and size are rounded to 1 / `places` pixel, which keeps the last bits of a float from growing to other boxes.
+
+An input that a model does not need is not in its graph: `session.get_inputs()` lists them. The mean action is taken, never a sample.
+"""

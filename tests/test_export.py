@@ -1,0 +1,90 @@
+"""Exported ONNX files give the boxes of the Python tracker, without entrack."""
+
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import entrack
+from entrack.cli.app import main
+from entrack.config import PolicyConfig, ScaleConfig, WindowConfig
+from entrack.datasets import open_dataset
+from entrack.datasets.frames import VideoFrames
+from entrack.model import assets, load_model, save_model
+
+pytest.importorskip("torch")
+pytest.importorskip("onnxruntime")
+
+
+def exported(model: object, out: Path):
+    """The module track.py of an export."""
+    import importlib.util
+
+    assert main(["export", str(model), "--out", str(out)]) == 0
+    spec = importlib.util.spec_from_file_location("exported_track", out / "track.py")
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def compare(model: object, out: Path, frames, box) -> None:
+    tracker = entrack.load(str(model), engine="onnxruntime")
+    tracker.init(frames[0], box)
+    for k, (found, score) in enumerate(exported(model, out).track(frames, box), 1):
+        estimate = tracker.update(frames[k])
+        np.testing.assert_allclose(found, estimate.box, atol=0.1)
+        assert score == pytest.approx(estimate.score, abs=0.01)
+    assert k == len(frames) - 1
+
+
+def paper(folder: Path) -> Path:
+    """A model of the paper's kind: box windows, one size, a linear policy of random weights."""
+    from safetensors.numpy import save_file
+
+    from test_policy import untrained
+
+    shipped = load_model("cf")
+    policy, *_ = untrained("linear", 256)
+    weights = {**policy.head.w}
+    folder.mkdir()
+    save_file({k: 0.02 * w for k, w in weights.items()}, folder / "policy.safetensors")
+    config = replace(
+        shipped.config, window=WindowConfig(shape="box", border="mean"),
+        scale=ScaleConfig(steps=1), policy=PolicyConfig(f1="linear"),
+    )  # fmt: skip
+    save_model(folder, "mine", "", config, shipped.trunk, folder / "policy.safetensors")
+    return folder
+
+
+@pytest.mark.parametrize("name", ["cf", "policy", "paper"])
+def test_the_demo_clip_is_tracked_as_by_the_python_tracker(tmp_path: Path, name: str):
+    model = paper(tmp_path / "model") if name == "paper" else name
+    clip = VideoFrames(assets() / "demo" / "clip.mp4", 390)
+    box = np.loadtxt(assets() / "demo" / "clip.txt", delimiter=",")[0]
+    compare(model, tmp_path / "out", [clip[k] for k in range(25)], box)
+
+
+@pytest.mark.parametrize("name", ["cf", "policy"])
+def test_crossing_is_tracked_as_by_the_python_tracker(shared: Path, tmp_path: Path, name: str):
+    sequence = open_dataset(f"otb:{shared}/data/otb").read("Crossing")
+    frames = [sequence.frames[k] for k in range(len(sequence))]
+    compare(name, tmp_path / "out", frames, sequence.boxes[0])
+
+
+def test_the_program_needs_no_entrack(tmp_path: Path):
+    assert main(["export", "cf-baseline", "--out", str(tmp_path)]) == 0
+    words = [str(tmp_path / "track.py"), str(assets() / "demo" / "clip.mp4"), "148,153,102,94"]
+    code = "import runpy, sys; sys.modules['entrack'] = None; del sys.argv[0]; "
+    code += "runpy.run_path(sys.argv[0], run_name='__main__')"
+    said = subprocess.run([sys.executable, "-c", code, *words], capture_output=True, text=True)
+    assert len(said.stdout.splitlines()) == 389, said.stderr
+    assert (tmp_path / "README.md").read_text().count("| `") == 8
+
+
+def test_an_unknown_model_is_a_wrong_call(tmp_path: Path, capsys):
+    assert main(["export", "nothing", "--out", str(tmp_path)]) == 2
+    assert "no model nothing" in capsys.readouterr().err
