@@ -104,8 +104,7 @@ class OnnxRuntimeTrunk:
             options.intra_op_num_threads = threads
         there = ort.get_available_providers()
         wanted = [p for p in _PROVIDERS[device] if p in there]
-        quantised = b"QuantizeLinear" in path.read_bytes()
-        content = _exact_sums(path) if quantised else str(path)
+        content = for_onnxruntime(path)
         self._session = ort.InferenceSession(content, options, providers=wanted)
         # CUDA may be in the package and yet not start, without a driver or its libraries.
         if self._session.get_providers()[0] != _PROVIDERS[device][0]:
@@ -115,7 +114,7 @@ class OnnxRuntimeTrunk:
                 stacklevel=2,
             )
         self._input = self._session.get_inputs()[0].name
-        self.precision = "int8 and fp32" if quantised else "fp32"
+        self.precision = "int8 and fp32" if b"QuantizeLinear" in content else "fp32"
 
     def __call__(self, patches: Image) -> Features:
         """See `Trunk`."""
@@ -123,12 +122,15 @@ class OnnxRuntimeTrunk:
         return self._session.run(None, {self._input: x})[0]
 
 
-def _exact_sums(path: Path) -> bytes:
-    """The quantised network, without the rounding of a convolution that a shortcut is added to.
+def for_onnxruntime(path: Path) -> bytes:
+    """The network; a quantised one without the rounding of convolutions that are added to.
 
     OpenVINO adds first and rounds once. ONNX Runtime would round twice, and its tracker would be
     another one; like this it computes such convolutions in fp32.
     """
+    content = path.read_bytes()
+    if b"QuantizeLinear" not in content:
+        return content
     onnx = require("onnx", "gpu")
     model = onnx.load(str(path))
     graph = model.graph

@@ -30,6 +30,7 @@ from entrack.policy import LOG_STD, OUTWARDS, Policy, load_policy
 from entrack.state import GRID, GROWN, Conditioned
 from entrack.state import _resize as resize_matrix  # pyright: ignore[reportPrivateUsage]
 from entrack.tracker import PLACES
+from entrack.trunk import for_onnxruntime
 
 
 def export_model(model: Model, out: Path) -> list[Path]:
@@ -42,7 +43,7 @@ def export_model(model: Model, out: Path) -> list[Path]:
     channels = _channels(model.trunk)
     step = Step(model.config, policy, channels)
     _write_step(step, channels, out / "step.onnx")
-    write_bytes(out / "trunk.onnx", model.trunk.read_bytes())
+    write_bytes(out / "trunk.onnx", for_onnxruntime(model.trunk))
     config = model.config
     half = config.scale.steps // 2
     facts = {
