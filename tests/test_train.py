@@ -53,10 +53,13 @@ def clips(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def train(config: Path, clips: Path, run: Path, resume: bool = False, report=None) -> Training:
+def train(
+    config: Path, clips: Path, run: Path, resume: bool = False, report=None, cluster=None
+) -> Training:
     settings, base = preset(str(config)), load_model("cf")
     quiet = report or (lambda stage, step, steps, values: None)
-    training = Training(settings, base, Source((f"folder:{clips}",)), run, 1, resume, quiet)
+    source = Source((f"folder:{clips}",))
+    training = Training(settings, base, source, run, 1, resume, quiet, cluster)
     training()
     return training
 
@@ -81,6 +84,15 @@ def test_a_run_leaves_a_model_that_tracks_and_a_log(trained):
     assert all(len(row.split(",")) == len(head.split(",")) for row in rows)
     assert {"return", "iou", "entropy", "loss_q", "iou_validation"} <= set(head.split(","))
     assert "no two frames" in training.failed["nothing"]
+
+
+@pytest.mark.xdist_group("ray")
+def test_episodes_played_on_ray_make_the_same_policy(trained, clips: Path, tmp_path: Path):
+    pytest.importorskip("ray", reason="Ray is not installed: pip install 'entrack[cluster]'")
+    config, run, _ = trained
+    train(config, clips, tmp_path / "run", cluster="local")
+    files = [folder / "model" / "policy.safetensors" for folder in (run, tmp_path / "run")]
+    assert files[0].read_bytes() == files[1].read_bytes()
 
 
 def test_a_stopped_run_resumes_to_the_same_bits(trained, clips: Path, tmp_path: Path):

@@ -39,6 +39,13 @@ def train(
     ] = None,
     seed: Annotated[int | None, typer.Option(min=0, help="Instead of the configuration's.")] = None,
     workers: Annotated[int, typer.Option(min=1, help="Processes that play episodes.")] = 2,
+    cluster: Annotated[
+        str | None,
+        typer.Option(
+            metavar="auto|local|ADDRESS",
+            help="Play on Ray, on machines that all see RUN: a cluster's address, or this machine.",
+        ),
+    ] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Go on where RUN was stopped.")] = False,
 ) -> None:
     """Train a policy by maximum-entropy reinforcement learning.
@@ -65,7 +72,7 @@ def train(
     source = Source(tuple(data), stills, cutouts)
     try:
         with writing(out), stages() as report:
-            training = Training(settings, base, source, out, workers, resume, report)
+            training = Training(settings, base, source, out, workers, resume, report, cluster)
             folder = training()
     except KeyboardInterrupt:
         typer.echo(

@@ -20,6 +20,7 @@ from entrack.datasets.frames import ImageFiles
 from entrack.datasets.sequence import Sequence
 from entrack.datasets.synthetic import Props, sample, synthesise
 from entrack.errors import EntrackError
+from entrack.evaluation.cluster import run_on_cluster
 from entrack.evaluation.pool import Event, run_units
 from entrack.files import unfinished
 from entrack.learn.bank import CHUNK, Chunk, load_bank, make_chunk, principal
@@ -84,7 +85,12 @@ class Training:
         workers: int,
         resume: bool = False,
         report: Report = lambda stage, step, steps, values: None,
+        cluster: str | None = None,
     ) -> None:
+        """See `entrack.evaluation.cluster` for `cluster`; None plays in processes of this machine.
+
+        All machines of a cluster have to see the run folder.
+        """
         if config.tracker.policy is None:
             raise EntrackError(
                 "the configuration has no [tracker.policy]: nothing would be learned"
@@ -93,7 +99,7 @@ class Training:
         torch.set_num_threads(config.threads)
         torch.manual_seed(config.seed)
         self.config, self.base, self.source, self.run = config, base, source, run
-        self.workers, self.report = workers, report
+        self.workers, self.report, self.cluster = workers, report, cluster
         self.reach = config.tracker.policy.reach
         self.f1: ConditionedF1 | None = None
         self.basis: Basis | None = None
@@ -188,10 +194,16 @@ class Training:
                 lambda step, steps, values: self.report("warm start", step, steps, values),
             )  # fmt: skip
 
+    def _hand_out(self, work: Callable[..., Any], units: list[Any]) -> Generator[Event]:
+        """Have units done by processes of this machine, or on Ray."""
+        if self.cluster is None:
+            return run_units(work, units, self.workers)
+        return run_on_cluster(work, units, self.cluster, self.workers)
+
     def _work(self, stage: str, work: Callable[..., Any], units: list[Any]) -> None:
         """Have workers do units; a failed one is an error here."""
         done = 0
-        with closing(run_units(work, units, self.workers)) as events:
+        with closing(self._hand_out(work, units)) as events:
             for event in events:
                 if event.kind == "failed":
                     raise EntrackError(str(event.value).splitlines()[0])
@@ -217,7 +229,7 @@ class Training:
         last = self._checks(c.rounds)
         units = [unit for number in range(first, c.rounds) for unit in self._round(number)] + last
         try:
-            with closing(run_units(roll_out, units, self.workers)) as events:
+            with closing(self._hand_out(roll_out, units)) as events:
                 arrived: set[int] = set()
                 for number in range(first, c.rounds):
                     wanted = {unit.number for unit in self._round(number)}
@@ -293,6 +305,11 @@ class Training:
             unit: Rollout = units[event.unit]
             if event.kind == "failed":
                 self.failed[unit.path.stem] = str(event.value).splitlines()[0]
+            if event.kind == "done" and not unit.path.exists():
+                raise EntrackError(
+                    f"an episode was played but is not in {unit.path.parent}: "
+                    "do all machines see this folder?"
+                )
             if event.kind in ("done", "failed"):
                 arrived.add(unit.number)
 
