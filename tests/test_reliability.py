@@ -1,6 +1,9 @@
 """The short forms of `reliability/`: what was found once, a little fuzzing, a few broken videos."""
 
+import os
 import socket
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -149,6 +152,31 @@ def test_the_main_job_needs_no_network(tmp_path: Path, monkeypatch: pytest.Monke
     call = ["track", str(assets() / "demo" / "clip.mp4"), "--box", "148,153,102,94", "--stop", "4"]
     assert main([*call, "--boxes", str(tmp_path / "é ü.csv")]) == 0
     assert (tmp_path / "é ü.csv").read_text().count("\n") == 5
+
+
+def test_the_main_job_starts_no_process_and_no_connection(tmp_path: Path) -> None:
+    """As on a user's machine: what a package does unasked it may leave undone where CI is set."""
+    code = """
+import sys
+def note(event, arguments):
+    if event in ("os.fork", "os.posix_spawn", "subprocess.Popen", "socket.connect"):
+        print("unasked:", event, flush=True)
+sys.addaudithook(note)
+from entrack.cli.app import main
+assert main(sys.argv[1:]) == 0
+import time
+time.sleep(0.5)  # what is started in a thread
+"""
+    call = ["track", str(assets() / "demo" / "clip.mp4"), "--box", "148,153,102,94", "--stop", "3"]
+    call += ["--model", "policy", "--boxes", str(tmp_path / "boxes.csv")]
+    env = {"PATH": os.environ["PATH"], "HOME": str(tmp_path)}
+    env |= {"PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
+    said = subprocess.run(
+        [sys.executable, "-c", code, *call], env=env, capture_output=True, text=True, timeout=60
+    )
+    assert (tmp_path / "boxes.csv").exists(), said.stderr
+    assert "unasked" not in said.stdout
+    assert not (tmp_path / "intel").exists()  # where OpenVINO keeps the number that it reports
 
 
 @pytest.mark.parametrize("name", ["trunk.xml", "trunk.pkl", "policy.pt"])

@@ -6,13 +6,17 @@ estimate = tracker.update(next_frame)
 """
 
 import os
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 # Read by OpenCV when it is imported: a picture of a few bytes may claim a billion pixels. 16K fits.
 os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", str(2**27))
+# OpenVINO looks for this package when it is imported, and with it forks a process that reports to
+# its makers over the network, unasked. The fork may also leave numpy waiting for a thread for ever.
+sys.modules.setdefault("openvino_telemetry", None)  # type: ignore[arg-type]
 
-
+# ruff: noqa: E402
 from entrack.errors import EntrackError
 from entrack.model import load_model
 from entrack.policy import load_policy
