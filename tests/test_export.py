@@ -10,7 +10,7 @@ import pytest
 
 import entrack
 from entrack.cli.app import main
-from entrack.config import PolicyConfig, ScaleConfig, WindowConfig
+from entrack.config import PolicyConfig, ScaleConfig, UpdateConfig, WindowConfig
 from entrack.datasets import open_dataset
 from entrack.datasets.frames import VideoFrames
 from entrack.model import assets, load_model, save_model
@@ -31,7 +31,7 @@ def exported(model: object, out: Path):
     return module
 
 
-def compare(model: object, out: Path, frames, box) -> None:
+def assert_same_boxes(model: object, out: Path, frames, box) -> None:
     tracker = entrack.load(str(model), engine="onnxruntime")
     tracker.init(frames[0], box)
     for k, (found, score) in enumerate(exported(model, out).track(frames, box), 1):
@@ -65,14 +65,14 @@ def test_the_demo_clip_is_tracked_as_by_the_python_tracker(tmp_path: Path, name:
     model = paper(tmp_path / "model") if name == "paper" else name
     clip = VideoFrames(assets() / "demo" / "clip.mp4", 390)
     box = np.loadtxt(assets() / "demo" / "clip.txt", delimiter=",")[0]
-    compare(model, tmp_path / "out", [clip[k] for k in range(25)], box)
+    assert_same_boxes(model, tmp_path / "out", [clip[k] for k in range(25)], box)
 
 
 @pytest.mark.parametrize("name", ["cf", "policy"])
 def test_crossing_is_tracked_as_by_the_python_tracker(shared: Path, tmp_path: Path, name: str):
     sequence = open_dataset(f"otb:{shared}/data/otb").read("Crossing")
     frames = [sequence.frames[k] for k in range(len(sequence))]
-    compare(name, tmp_path / "out", frames, sequence.boxes[0])
+    assert_same_boxes(name, tmp_path / "out", frames, sequence.boxes[0])
 
 
 def test_the_program_needs_no_entrack(tmp_path: Path):
@@ -83,6 +83,18 @@ def test_the_program_needs_no_entrack(tmp_path: Path):
     said = subprocess.run([sys.executable, "-c", code, *words], capture_output=True, text=True)
     assert len(said.stdout.splitlines()) == 389, said.stderr
     assert (tmp_path / "README.md").read_text().count("| `") == 8
+
+
+def test_updates_that_the_step_does_not_know_are_refused(tmp_path: Path, capsys):
+    shipped = load_model("cf")
+    for k, update in enumerate((UpdateConfig(every=2), UpdateConfig(seen="shifted"))):
+        folder = tmp_path / str(k)
+        folder.mkdir()
+        config = replace(shipped.config, update=update)
+        save_model(folder, "quick", "", config, shipped.trunk, None)
+        assert main(["export", str(folder), "--out", str(tmp_path / "out")]) == 1
+        assert "only 1 and 'again' can be exported" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
 
 
 def test_an_unknown_model_is_a_wrong_call(tmp_path: Path, capsys):

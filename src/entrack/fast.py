@@ -27,10 +27,11 @@ class CompiledConditioned(Conditioned):
             self._networks[features.shape] = self._compile(*features.shape[:2])
         keys, gate = cast(tuple[Array, Array], target)
         inputs = (features, context(response, held), keys, gate)
+        # The network reads their memory, so they live until it is through.
+        arrays = [np.ascontiguousarray(value, np.float32) for value in inputs]
         request = self._networks[features.shape]
-        for i, value in enumerate(inputs):
-            value = np.ascontiguousarray(value, np.float32)
-            request.set_input_tensor(i, ov.Tensor(value, shared_memory=True))
+        for i, array in enumerate(arrays):
+            request.set_input_tensor(i, ov.Tensor(array, shared_memory=True))
         request.infer()
         return request.get_output_tensor().data.copy()
 

@@ -23,7 +23,7 @@ from torch import Tensor, nn
 
 from entrack import filter as cf
 from entrack.config import Config
-from entrack.errors import require
+from entrack.errors import EntrackError, require
 from entrack.files import unfinished, write_bytes
 from entrack.model import Model, assets
 from entrack.policy import LOG_STD, OUTWARDS, Policy, load_policy
@@ -34,8 +34,18 @@ from entrack.trunk import for_onnxruntime
 
 
 def export_model(model: Model, out: Path) -> list[Path]:
-    """Write trunk.onnx, step.onnx, model.json, track.py and README.md into `out`."""
+    """Write trunk.onnx, step.onnx, model.json, track.py and README.md into `out`.
+
+    Raises
+    ------
+    EntrackError
+        If the model learns its template in a way that the exported step does not know.
+    """
     require("onnx", "train")
+    update = model.config.update
+    if update.every != 1 or update.seen != "again":
+        found = f"update.every = {update.every} and update.seen = {update.seen!r}"
+        raise EntrackError(f"{model.name} has {found}; only 1 and 'again' can be exported")
     out.mkdir(parents=True, exist_ok=True)
     policy = None
     if model.policy and model.config.policy:
@@ -109,7 +119,7 @@ class Step(nn.Module):
         for name, array in arrays.items():
             self.register_buffer(name, torch.from_numpy(np.array(array, np.float32)))
         self.remembers = policy is not None and isinstance(policy.f1, Conditioned)
-        weights = {} if policy is None else _weights(policy)
+        weights = {} if policy is None else _weights(policy, n)
         self.w = {name: torch.from_numpy(np.array(w, np.float32)) for name, w in weights.items()}
 
     def forward(
@@ -275,13 +285,13 @@ class Step(nn.Module):
         return rows @ features @ columns.T
 
 
-def _weights(policy: Policy) -> dict[str, np.ndarray]:
+def _weights(policy: Policy, n: int) -> dict[str, np.ndarray]:
     """Everything that f1 and the head know, by the names in policy.safetensors."""
     head: dict[str, np.ndarray] = dict(policy.head.w)  # type: ignore[attr-defined]
     if isinstance(policy.f1, Conditioned):
         own = {f"f1.{name}": w for name, w in policy.f1.w.items()}
         return {**own, **{k: w for k, w in head.items() if k.startswith("head.")}}
-    return {**head, "resize": resize_matrix(18, policy.head.side)}
+    return {**head, "resize": resize_matrix(n, policy.head.side)}
 
 
 def _channels(trunk: Path) -> int:
