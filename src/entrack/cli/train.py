@@ -38,7 +38,13 @@ def train(
         ),
     ] = None,
     seed: Annotated[int | None, typer.Option(min=0, help="Instead of the configuration's.")] = None,
-    workers: Annotated[int, typer.Option(min=1, help="Processes that play episodes.")] = 2,
+    workers: Annotated[
+        int | None,
+        typer.Option(
+            min=1,
+            help="Processes that play episodes: two by default; on a cluster, all it has room for.",
+        ),
+    ] = None,
     cluster: Annotated[
         str | None,
         typer.Option(

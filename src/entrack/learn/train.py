@@ -82,7 +82,7 @@ class Training:
         base: Model,
         source: Source,
         run: Path,
-        workers: int,
+        workers: int | None,
         resume: bool = False,
         report: Report = lambda stage, step, steps, values: None,
         cluster: str | None = None,
@@ -197,7 +197,7 @@ class Training:
     def _hand_out(self, work: Callable[..., Any], units: list[Any]) -> Generator[Event]:
         """Have units done by processes of this machine, or on Ray."""
         if self.cluster is None:
-            return run_units(work, units, self.workers)
+            return run_units(work, units, self.workers or 2)
         return run_on_cluster(work, units, self.cluster, self.workers)
 
     def _work(self, stage: str, work: Callable[..., Any], units: list[Any]) -> None:
