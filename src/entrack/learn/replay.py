@@ -50,6 +50,9 @@ class Replay:
         self.capacity = capacity
         self.arrays: dict[str, NDArray[np.generic]] = {}
         self.next, self.size = 0, 0
+        self.version = 0
+        """Changes with what is held."""
+        self._usable: NDArray[np.intp] | None = None
 
     def add(self, episode: Episode) -> None:
         """Keep an episode, row by row; its last state is only ever the state after."""
@@ -77,24 +80,37 @@ class Replay:
         # transition is whole, so nothing else has to go.
         self.next = int((where[-1] + 1) % self.capacity)
         self.size = min(self.capacity, self.size + steps + 1)
+        self._changed()
 
     def clear(self) -> None:
         """Forget everything (algorithm, line 5)."""
         self.next, self.size = 0, 0
-        for array in self.arrays.values():
-            array[:] = 0
+        if self.arrays:
+            self.arrays["usable"][:] = False
+        self._changed()
+
+    def _changed(self) -> None:
+        self.version += 1
+        self._usable = None
 
     def __len__(self) -> int:
         """How many transitions may be drawn."""
         return int(self.arrays["usable"].sum()) if self.arrays else 0
 
-    def draw(self, count: int, rng: np.random.Generator) -> Batch:
-        """Draw `count` transitions uniformly, with replacement."""
+    def sample(
+        self, count: int, rng: np.random.Generator
+    ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """Places of `count` transitions, drawn uniformly with replacement, and of what follows."""
         # By age, so that a buffer filled anew from the same episodes draws the same.
         oldest = self.next if self.size == self.capacity else 0
-        usable = np.flatnonzero(np.roll(self.arrays["usable"], -oldest))
-        rows = (usable[rng.integers(len(usable), size=count)] + oldest) % self.capacity
-        after = (rows + 1) % self.capacity
+        if self._usable is None:
+            self._usable = np.flatnonzero(np.roll(self.arrays["usable"], -oldest))
+        rows = (self._usable[rng.integers(len(self._usable), size=count)] + oldest) % self.capacity
+        return rows, (rows + 1) % self.capacity
+
+    def draw(self, count: int, rng: np.random.Generator) -> Batch:
+        """Draw `count` transitions uniformly, with replacement."""
+        rows, after = self.sample(count, rng)
         a = self.arrays
         return Batch(
             as_states({k: a[k][rows] for k in States._fields}),

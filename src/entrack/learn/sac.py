@@ -11,7 +11,7 @@ from pydantic.dataclasses import dataclass
 from torch import Tensor, nn
 
 from entrack.learn.networks import Actor, perceptron, squashed
-from entrack.learn.replay import Batch
+from entrack.learn.replay import Batch, Replay
 
 
 @dataclass(frozen=True, config=ConfigDict(extra="forbid"))
@@ -70,6 +70,12 @@ class SAC:
             "q": self.optimise_q, "v": self.optimise_v,
             "pi": self.optimise_pi, "alpha": self.optimise_alpha,
         }  # fmt: skip
+
+    def learn(self, replay: Replay, rng: np.random.Generator, act: bool = True) -> dict[str, float]:
+        """One update on a batch of what is held; see `update`."""
+        batch = replay.draw(self.config.batch, rng)
+        noise = torch.from_numpy(rng.standard_normal((self.config.batch, 4)).astype(np.float32))
+        return self.update(batch, noise, act)
 
     def update(self, batch: Batch, noise: Tensor, act: bool = True) -> dict[str, float]:
         """One step of eqs. 10–13 on `batch`; `noise` (N, 4) is the randomness of ã ~ π(· | s).

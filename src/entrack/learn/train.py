@@ -26,6 +26,7 @@ from entrack.files import unfinished
 from entrack.learn.bank import CHUNK, Chunk, load_bank, make_chunk, principal
 from entrack.learn.config import TrainConfig
 from entrack.learn.env import usable
+from entrack.learn.linear import learner
 from entrack.learn.networks import (
     Actor,
     AttentionActor,
@@ -36,7 +37,6 @@ from entrack.learn.networks import (
 )
 from entrack.learn.replay import Episode, Replay
 from entrack.learn.rollout import Rollout, read_episode, roll_out
-from entrack.learn.sac import SAC
 from entrack.learn.store import keep
 from entrack.learn.warm import warm_start
 from entrack.model import Model, assets, save_model
@@ -117,7 +117,7 @@ class Training:
             self._warm()
         else:
             self.actor = LinearActor(self.reach, joint=self.config.joint)
-        self.learner = SAC(self.actor, self.config.sac)
+        self.learner = learner(self.actor, self.config.sac)
         self._learn()
         return self._ship()
 
@@ -329,11 +329,9 @@ class Training:
             }
         values["iou_validation"] = mean_iou(checked)
         losses: list[dict[str, float]] = []
-        for step in range(c.updates if len(replay) else 0):
-            rng = np.random.default_rng([c.seed, 8, number, step])
-            batch = replay.draw(c.sac.batch, rng)
-            noise = torch.from_numpy(rng.standard_normal((c.sac.batch, 4)).astype(np.float32))
-            losses.append(self.learner.update(batch, noise, act=number >= c.critic_first))
+        rng = np.random.default_rng([c.seed, 8, number])
+        for _ in range(c.updates if len(replay) else 0):
+            losses.append(self.learner.learn(replay, rng, act=number >= c.critic_first))
         if losses:
             values |= {k: float(np.mean([loss[k] for loss in losses])) for k in losses[0]}
         return values
