@@ -25,6 +25,7 @@ COMMANDS = {
     "serve": "Serve a web page: draw a box on a video, and watch it tracked.",
     "explain": "Show what the tracker sees in a frame, as a figure or a film.",
     "train": "Train a policy by maximum-entropy reinforcement learning.",
+    "ablate": "Train and score the variants of a policy, with intervals.",
     "evaluate": "Run trackers on benchmarks and score them.",
     "report": "Make curves, tables and pages from scores.",
     "calibrate": "Fit a model's score to your own footage.",

@@ -136,6 +136,7 @@ class LinearSAC(SAC):
         of = np.zeros((len(needed), n), np.float32)  # which rows of the batch show which state
         of[now, np.arange(n)] = 1
         a, r = replay.arrays["action"][rows], replay.arrays["reward"][rows]
+        best = replay.arrays["best"][rows].astype(np.float32)
         p = replay.arrays["terminated"][rows].astype(np.float32)
 
         w1, b1, w2, b2 = self._q.parts
@@ -161,7 +162,8 @@ class LinearSAC(SAC):
         raw = seen_std @ std_w.T + std_b
         log_std = np.clip(raw, *LOG_STD)[now]
         spread = np.exp(log_std) * noise
-        u = (seen_mean @ mean_w.T + mean_b)[now] + spread
+        mean = (seen_mean @ mean_w.T + mean_b)[now]
+        u = mean + spread
         tanh = np.tanh(u)
         fresh = reach * tanh
         # log(1 − tanh² u) = 2 (log 2 − u − softplus(−2u)), as in `squashed`.
@@ -182,35 +184,46 @@ class LinearSAC(SAC):
         # eq. 12, whose sign is flipped in print: minimise α log π − Q
         first = c.policy_q == "first"
         which = np.zeros(n, np.intp) if first else q_fresh.argmin(1)
+        value = q_fresh[np.arange(n), which]
+        loss_pi = float((c.alpha * log_pi - value).mean())
+        slope_u = (2 * c.alpha * tanh - w[which, size:] * reach * (1 - tanh**2)) / n
+        slope_mean, slope_std = slope_u, slope_u * spread - c.alpha / n
+        if c.imitate:
+            loss, slope = self._imitate(mean, best)
+            loss_pi, slope_mean = loss_pi + loss, slope_mean + slope
         if act:
+            inside = ((raw >= LOG_STD[0]) & (raw <= LOG_STD[1]))[now]
             self._descend_pi(
-                s, needed, of,
-                ((2 * c.alpha * tanh - w[which, size:] * reach * (1 - tanh**2)) / n).astype("f4"),
-                spread, np.where((raw >= LOG_STD[0]) & (raw <= LOG_STD[1]), 1, 0)[now],
-                c.alpha / n,
-            )  # fmt: skip
+                s, needed, of @ slope_mean.astype("f4"), of @ (slope_std * inside).astype("f4")
+            )
 
         # eq. 13: ψ' ← ρ ψ' + (1 − ρ) ψ
         for goal, value in zip(self._goal, self._v.parts, strict=True):
             goal += np.float32(1 - c.rho) * (value - goal)
-        value = q_fresh[np.arange(n), which]
         return {
             "loss_q": float((gap_q**2).sum() / n), "loss_v": float((gap_v**2).mean()),
-            "loss_pi": float((c.alpha * log_pi - value).mean()),
+            "loss_pi": loss_pi,
             "entropy": -float(log_pi.mean()), "alpha": c.alpha, "value": float(q_fresh.mean()),
         }  # fmt: skip
 
-    def _descend_pi(
-        self, s: Array, needed: NDArray[np.intp], of: Array, slope_u: Array, spread: Array,
-        inside: NDArray[np.intp], alpha: float,
-    ) -> None:  # fmt: skip
-        """From the slope of the loss along u (N, 4) to those of μ, σ and f1, and a step."""
+    def _imitate(self, mean: Array, best: NDArray[np.float32]) -> tuple[float, NDArray[np.float64]]:
+        """`SAC._imitation` with its weight, and its slope along the mean before the tanh (N, 4)."""
+        reach, beta = self.actor.reach, 0.1
+        tanh = np.tanh(mean)
+        with np.errstate(invalid="ignore"):
+            known = np.all(np.abs(best) < reach, axis=1)
+        gap = np.where(known[:, None], reach * tanh - best, 0)
+        weight = self.config.imitate / max(1, 4 * int(known.sum()))
+        huber = np.where(np.abs(gap) < beta, gap**2 / (2 * beta), np.abs(gap) - beta / 2)
+        slope: NDArray[np.float64] = np.clip(gap / beta, -1, 1) * reach * (1 - tanh**2)
+        return weight * float(huber.sum()), weight * slope
+
+    def _descend_pi(self, s: Array, needed: NDArray[np.intp], mean: Array, std: Array) -> None:
+        """From slopes along μ and log σ of each state (U, 4) to those of weights, and a step."""
         assert self._pi is not None
         f1_w, f1_b, mean_w, mean_b, std_w, std_b = self._pi.slopes
         _, _, at_mean, _, at_std, _ = self._pi.parts
         cells = self._z.shape[2]
-        mean = of @ slope_u
-        std = of @ ((slope_u * spread - alpha) * inside).astype(np.float32)
         mean_w[...] = mean.T @ (s if self.actor.joint else s[:, :cells])
         std_w[...] = std.T @ (s if self.actor.joint else s[:, cells:])
         mean_b[...], std_b[...] = mean.sum(0), std.sum(0)
@@ -225,8 +238,8 @@ class LinearSAC(SAC):
 
 
 def learner(actor: Actor, config: SACConfig) -> SAC:
-    """The cheaper update where it can do what is asked for: linear, plain eqs. 10–13."""
-    plain = not (config.hidden or config.alpha_auto or config.imitate)
+    """The cheaper update, where the networks are linear and α is given."""
+    plain = not (config.hidden or config.alpha_auto)
     if plain and isinstance(actor, LinearActor):
         return LinearSAC(actor, config)
     return SAC(actor, config)

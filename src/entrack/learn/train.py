@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 
 from entrack.config import Config, read
 from entrack.datasets import cutpaste, open_dataset
@@ -180,7 +181,8 @@ class Training:
             for index in range(-(-c.bank.looks // CHUNK))
         ]  # fmt: skip
         self._work("basis", _principal, chunks[:1])
-        self._work("bank", make_chunk, chunks)
+        if c.warm:
+            self._work("bank", make_chunk, chunks)
         with np.load(self.run / "bank" / "basis.npz") as basis:
             self.basis = Basis(basis["mean"], basis["vectors"])
             inputs = basis["vectors"].shape[1]
@@ -363,6 +365,14 @@ class Training:
         for old in range(max(0, number - 3), number - 1):
             if old % self.config.check_every:
                 self._policy_path(old).unlink(missing_ok=True)
+
+    def validation(self) -> dict[str, NDArray[np.float32]]:
+        """Overlaps with the true box in the validation clips, in the end; NaN where it is absent.
+
+        An empty dictionary where there are no such clips.
+        """
+        units = zip(self.checks, self._checks(self.config.rounds), strict=True)
+        return {name: read_episode(unit.path).iou for name, unit in units if unit.path.exists()}
 
     # -- the end -------------------------------------------------------------------------------
 

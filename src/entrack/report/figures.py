@@ -64,12 +64,13 @@ def draw(
     drawings += [*_accuracy_robustness(section, styles), *_speed(section, styles)]
     with matplotlib.rc_context(plots.RC):
         return [
-            Plot(f"{section.name}-{name}", title, caption, *_rendered(make()))
+            Plot(f"{section.name}-{name}", title, caption, *rendered(make()))
             for name, title, caption, make in drawings
         ]
 
 
-def _rendered(figure: Figure) -> tuple[str, bytes]:
+def rendered(figure: Figure) -> tuple[str, bytes]:
+    """A figure as SVG and as PNG."""
     svg, png = io.StringIO(), io.BytesIO()
     figure.savefig(svg, format="svg", metadata={"Date": None})
     figure.savefig(png, format="png", dpi=200)
