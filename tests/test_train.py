@@ -114,7 +114,7 @@ def test_a_run_of_another_configuration_is_refused(trained, clips: Path, tmp_pat
     config, run, _ = trained
     other = tmp_path / "other.toml"
     other.write_text(config.read_text().replace("updates = 3", "updates = 4"))
-    with pytest.raises(EntrackError, match=r"another configuration: \['updates'\] differ"):
+    with pytest.raises(EntrackError, match="updates is 3 there, 4 here"):
         train(other, clips, run, resume=True)
     with pytest.raises(EntrackError, match="add --resume"):
         train(config, clips, run)

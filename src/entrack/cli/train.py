@@ -87,6 +87,5 @@ def train(
         )
         raise
     if training.failed:
-        why = next(iter(training.failed.values()))
-        typer.echo(f"left out: {shortened(training.failed)} ({why})", err=True)
+        typer.echo(f"left out: {shortened(training.failed)}", err=True)
     typer.echo(folder)

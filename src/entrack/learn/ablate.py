@@ -69,7 +69,7 @@ def ablate(
     resume: bool = False,
     report: Report = lambda stage, step, steps, values: None,
     scored: Callable[[], object] = lambda: None,
-) -> list[str]:
+) -> dict[str, str]:
     """Train and score what is not done yet; return what was left out, and why.
 
     `scored` is called after every cell. More seeds and other cells may be asked for later.
@@ -80,13 +80,13 @@ def ablate(
         "data": list(plan.source.data), "tests": list(plan.tests),
     }  # fmt: skip
     checkpoint.claim(out, asked, resume)
-    left_out: dict[str, None] = {}
+    left_out: dict[str, str] = {}
     for step, (name, seed, config) in enumerate(runs, 1):
         folder = _folder(out, name, seed)
         if not (folder / "score.json").exists():
             training = _training(plan, config, out, folder / "run", workers, report)
             model = training()
-            left_out |= dict.fromkeys(f"{k} ({why})" for k, why in training.failed.items())
+            left_out |= training.failed
             numbers = (
                 _evaluate(plan.tests, model, folder / "evaluation", workers)
                 if plan.tests
@@ -98,7 +98,7 @@ def ablate(
                 shutil.rmtree(folder / "run" / used_up)
         report("cells", step, len(runs), {})
         scored()
-    return list(left_out)
+    return left_out
 
 
 def read_scores(out: Path) -> dict[str, dict[int, Numbers]]:

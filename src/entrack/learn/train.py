@@ -1,9 +1,8 @@
 """`entrack train`: clips to disk, a bank of looks, the warm start, then rounds of SAC."""
 
-import os
 import shutil
 from collections import deque
-from collections.abc import Callable, Generator, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterator, Mapping
 from collections.abc import Sequence as Sequence_
 from contextlib import closing
 from dataclasses import asdict, dataclass, replace
@@ -23,7 +22,7 @@ from entrack.datasets.synthetic import Props, sample, synthesise
 from entrack.errors import EntrackError
 from entrack.evaluation.cluster import run_on_cluster
 from entrack.evaluation.pool import Event, run_units
-from entrack.files import unfinished
+from entrack.files import write_bytes
 from entrack.learn.bank import CHUNK, Chunk, load_bank, make_chunk, principal
 from entrack.learn.config import TrainConfig
 from entrack.learn.env import usable
@@ -42,6 +41,9 @@ from entrack.learn.store import keep
 from entrack.learn.warm import warm_start
 from entrack.model import Model, assets, save_model
 from entrack.trunks import checkpoint
+
+IN_VAIN = 10
+"""So many episodes that failed on end are more than bad luck: the run stops."""
 
 Report = Callable[[str, int, int, dict[str, float]], None]
 
@@ -107,6 +109,7 @@ class Training:
         self.actor: Actor
         self.failed: dict[str, str] = {}
         """Episodes and clips that could not be used, and why."""
+        self._in_vain = 0
         self._held: deque[tuple[Path, int]] = deque()
 
     def __call__(self) -> Path:
@@ -135,7 +138,7 @@ class Training:
                     raise EntrackError("no two frames on end show the target with a box")
                 bad = keep(self.run / "clips", replace(sequence, name=name))
                 if bad:
-                    self.failed[name] = f"{bad} frames could not be read"
+                    self.failed[name] = f"{bad} of its frames could not be used"
                 names.append(name)
             except EntrackError as error:
                 self.failed[name] = str(error)
@@ -252,11 +255,10 @@ class Training:
 
     def _write_policy(self, number: int) -> None:
         """The policy after so many rounds, for the workers."""
-        from safetensors.numpy import save_file  # pyright: ignore[reportUnknownVariableType]
+        from safetensors.numpy import save as in_bytes
 
-        path = self._policy_path(number)
-        save_file(weights_of(self.actor, self.f1, self.basis), unfinished(path))
-        os.replace(unfinished(path), path)
+        weights = weights_of(self.actor, self.f1, self.basis)
+        write_bytes(self._policy_path(number), in_bytes(weights))
 
     def _round(self, number: int) -> list[Rollout]:
         """The episodes of a round, and every so often looks at the validation clips."""
@@ -306,7 +308,12 @@ class Training:
             event = next(events)
             unit: Rollout = units[event.unit]
             if event.kind == "failed":
-                self.failed[unit.path.stem] = str(event.value).splitlines()[0]
+                why = self.failed[unit.path.stem] = str(event.value).splitlines()[0]
+                self._in_vain += 1
+                if self._in_vain == IN_VAIN:
+                    raise EntrackError(f"{IN_VAIN} episodes in a row failed: {why}")
+            elif event.kind == "done":
+                self._in_vain = 0
             if event.kind == "done" and not unit.path.exists():
                 raise EntrackError(
                     f"an episode was played but is not in {unit.path.parent}: "
@@ -408,8 +415,8 @@ def _made(seed: int, props: Props) -> Sequence:
     return synthesise(sample(seed, length=80, width=360, height=270), props)
 
 
-def shortened(names: Iterable[str], most: int = 5) -> str:
-    """A list for people: the first few, and how many more."""
-    listed = list(names)
+def shortened(failed: Mapping[str, str], most: int = 5) -> str:
+    """What was left out, and why, for people: the first few, and how many more."""
+    listed = [f"{name} ({why})" for name, why in failed.items()]
     rest = f" and {len(listed) - most} more" if len(listed) > most else ""
     return ", ".join(listed[:most]) + rest

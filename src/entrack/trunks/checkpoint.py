@@ -2,13 +2,13 @@
 
 import csv
 import json
-import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import torch
-from safetensors.torch import load_file, save_file  # pyright: ignore[reportUnknownVariableType]
+from safetensors.torch import load_file  # pyright: ignore[reportUnknownVariableType]
+from safetensors.torch import save as in_bytes
 from torch import Tensor, nn
 
 from entrack.errors import EntrackError
@@ -26,9 +26,7 @@ def save(path: Path, network: nn.Module, optimisers: Optimisers, step: int) -> N
     tensors["step"] = torch.tensor(step)
     # No two tensors may share memory in the file.
     tensors = {name: tensor.clone() for name, tensor in tensors.items()}
-    temporary = path.with_suffix(".tmp")
-    save_file(tensors, temporary)
-    os.replace(temporary, path)
+    write_bytes(path, in_bytes(tensors))
 
 
 def load(path: Path, network: nn.Module, optimisers: Optimisers) -> int:
@@ -98,11 +96,32 @@ def claim(folder: Path, config: Mapping[str, Any], resume: bool) -> None:
     if path.exists():
         old, new = json.loads(path.read_text()), json.loads(json.dumps(config))
         if old != new:
-            keys = sorted(k for k in old.keys() | new.keys() if old.get(k) != new.get(k))
-            raise EntrackError(f"{folder} holds a run of another configuration: {keys} differ")
+            raise EntrackError(
+                f"{folder} holds a run of another configuration: {_differing(old, new)}"
+            )
         if not resume:
             raise EntrackError(f"{folder} holds a run already: add --resume, or name a new folder")
     folder.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_suffix(".tmp")
-    temporary.write_text(json.dumps(config, indent=2))
-    os.replace(temporary, path)
+    write_bytes(path, json.dumps(config, indent=2).encode())
+
+
+def _differing(old: Mapping[str, Any], new: Mapping[str, Any], most: int = 5) -> str:
+    """Keys that differ, with both values: "sac.alpha is 0.2 there, 0.3 here"."""
+    a, b = _flat(old), _flat(new)
+    keys = sorted(k for k in a.keys() | b.keys() if a.get(k) != b.get(k))
+    words = [f"{k} is {_word(a, k)} there, {_word(b, k)} here" for k in keys[:most]]
+    return "; ".join(words) + (f"; and {len(keys) - most} more" if len(keys) > most else "")
+
+
+def _word(values: Mapping[str, Any], key: str) -> str:
+    return json.dumps(values[key]) if key in values else "missing"
+
+
+def _flat(values: Any, prefix: str = "") -> dict[str, Any]:
+    """Nested values by their dotted keys."""
+    flat: dict[str, Any] = {}
+    for key, value in values.items():
+        flat |= (
+            _flat(value, f"{prefix}{key}.") if isinstance(value, dict) else {prefix + key: value}
+        )
+    return flat
