@@ -18,12 +18,12 @@ RNG = np.random.default_rng(1)
 CHANNELS = 7  # of the stand-in trunk
 
 
-def untrained(f1: str, channels: int = CHANNELS, spread: float = 0.05):
+def untrained(f1: str, channels: int = CHANNELS, spread: float = 0.05, joint: bool = False):
     """A policy with random weights: numpy, torch actor and torch f1."""
     torch.manual_seed(3)
     config = PolicyConfig(f1=f1, reach=1.5)  # type: ignore[arg-type]
     if f1 == "linear":
-        actor = networks.LinearActor(1.5, inputs=channels)
+        actor = networks.LinearActor(1.5, inputs=channels, joint=joint)
         return Policy(config, networks.weights_of(actor, None, None)), actor, None, None
     rng = np.random.default_rng(2)
     basis = networks.Basis(
@@ -35,8 +35,9 @@ def untrained(f1: str, channels: int = CHANNELS, spread: float = 0.05):
     return Policy(config, networks.weights_of(actor, f1_, basis)), actor, f1_, basis
 
 
-def test_numpy_equals_torch_for_the_papers_policy():
-    policy, actor, _, _ = untrained("linear", 256)
+@pytest.mark.parametrize("joint", [False, True])
+def test_numpy_equals_torch_for_the_papers_policy(joint: bool):
+    policy, actor, _, _ = untrained("linear", 256, joint=joint)
     z = RNG.normal(size=(256, 18, 18)).astype(np.float32)
     m, last = RNG.random((18, 18)).astype(np.float32), np.full(4, 1 / 3, np.float32)
     state = policy.state(z, m, last, None)

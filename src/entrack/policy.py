@@ -61,18 +61,24 @@ class Head(Protocol):
 
 
 class LinearHead:
-    """The paper's prediction and randomness modules (§3.2.8): μ of z alone, σ of m alone."""
+    """The paper's prediction and randomness modules (§3.2.8): μ of z alone, σ of m alone.
+
+    Or both of [z, m] (row 10), if their weights are as wide.
+    """
 
     side = 72
 
     def __init__(self, weights: Weights, reach: float) -> None:
         self.w = weights
+        self.joint = weights["mean.weight"].shape[1] == weights["log_std.weight"].shape[1]
 
     def __call__(self, state: State) -> tuple[Array, Array]:
         """See `Head`."""
-        w = self.w
-        mean = w["mean.weight"] @ state.z.ravel() + w["mean.bias"]
-        return mean, w["log_std.weight"] @ state.m + w["log_std.bias"]
+        w, z, m = self.w, state.z.ravel(), state.m
+        if self.joint:
+            z = m = np.concatenate([z, m])
+        mean = w["mean.weight"] @ z + w["mean.bias"]
+        return mean, w["log_std.weight"] @ m + w["log_std.bias"]
 
 
 class AttentionHead:
