@@ -36,8 +36,13 @@ def untrained(f1: str, channels: int = CHANNELS, spread: float = 0.05, joint: bo
 
 
 @pytest.mark.parametrize("joint", [False, True])
-def test_numpy_equals_torch_for_the_papers_policy(joint: bool):
-    policy, actor, _, _ = untrained("linear", 256, joint=joint)
+def test_numpy_equals_torch_for_the_papers_policy(joint: bool, tmp_path: Path):
+    from safetensors.numpy import save_file
+
+    _, actor, _, _ = untrained("linear", 256, joint=joint)
+    path = tmp_path / "policy.safetensors"
+    save_file(networks.weights_of(actor, None, None), path)
+    policy = load_policy(path, PolicyConfig(f1="linear", reach=1.5))
     z = RNG.normal(size=(256, 18, 18)).astype(np.float32)
     m, last = RNG.random((18, 18)).astype(np.float32), np.full(4, 1 / 3, np.float32)
     state = policy.state(z, m, last, None)

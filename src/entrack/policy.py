@@ -167,7 +167,10 @@ def load_policy(path: Path, config: PolicyConfig, threads: int = 1) -> Policy:
 def _try(policy: Policy, weights: Weights) -> None:
     """Act once on nothing: weights that do not fit one another are found out here, not later."""
     linear = policy.config.f1 == "linear"
-    n = math.isqrt(weights["mean.weight"].shape[-1]) if linear else 18
+    n = 18
+    if isinstance(policy.head, LinearHead):
+        pooled = LinearHead.side**2 if policy.head.joint else 0
+        n = math.isqrt(weights["mean.weight"].shape[-1] - pooled)
     channels = weights["f1.weight" if linear else "f1.match.weight"].shape[-1]
     nothing = np.zeros((channels, n, n), np.float32)
     known = policy.f1.remember(nothing, np.array([0.25, 0.25, 0.5, 0.5], np.float32))

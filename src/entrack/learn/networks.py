@@ -118,32 +118,46 @@ class AttentionActor(nn.Module):
         """Length of what `features` gives to the critic."""
         return self.head.in_features + 14
 
-    def _read(self, s: States) -> tuple[Tensor, Tensor, Tensor]:
-        """Heat (N, cells), offsets of the sides (N, 4) in box sizes, log σ (N, 4)."""
-        out = self.head(s.z.flatten(2).mT)
-        heat = out[..., 0] + self.beta * s.m
-        attention = torch.softmax(heat, 1)[:, None]
+    def _read(self, s: States) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor]:
+        """Heat and attention (N, cells), z where it looks (N, C), offsets (N, 4), log σ (N, 4).
+
+        Offsets are of the four sides, in box sizes.
+        """
+        z, (weight, bias) = s.z.flatten(2), (self.head.weight, self.head.bias)
+        # Written so that torch does not copy z, which is large: half of the time of an update.
+        out = torch.bmm(weight[:5].expand(len(z), -1, -1), z) + bias[:5, None]
+        heat = out[:, 0] + self.beta * s.m
+        attention = torch.softmax(heat, 1)
         x, y = self.x / s.held[:, :1], self.y / s.held[:, 1:2]
-        sides = torch.stack([x, y, x, y], -1) + torch.exp(out[..., 1:5]) * self.outwards
-        offset = (attention @ sides)[:, 0] - self.outwards
-        return heat, offset, (attention @ out[..., 5:9])[:, 0]
+        at = torch.stack([x, y, x, y], 1) + torch.exp(out[:, 1:]) * self.outwards[:, None]
+        offset = torch.bmm(attention[:, None], at.mT)[:, 0] - self.outwards
+        # The mean of a linear map is that of the mean.
+        there = torch.bmm(attention[:, None], z.mT)[:, 0]
+        return heat, attention, there, offset, there @ weight[5:].T + bias[5:]
+
+    def _gaussian(self, offset: Tensor, log_std: Tensor) -> tuple[Tensor, Tensor]:
+        mean = torch.atanh((offset / self.reach).clamp(-0.999, 0.999))
+        return mean, log_std.clamp(*LOG_STD)
 
     def forward(self, s: States) -> tuple[Tensor, Tensor, Tensor]:
         """μ and log σ before the tanh (N, 4), and the heat that the attention is made of."""
-        heat, offset, log_std = self._read(s)
-        mean = torch.atanh((offset / self.reach).clamp(-0.999, 0.999))
-        return mean, log_std.clamp(*LOG_STD), heat
+        heat, _, _, offset, log_std = self._read(s)
+        return *self._gaussian(offset, log_std), heat
+
+    def both(self, s: States) -> tuple[Tensor, Tensor, Tensor]:
+        """μ, log σ, and `features`: all that an update needs of s."""
+        _, attention, there, offset, log_std = self._read(s)
+        with torch.no_grad():
+            m = (s.m * attention).sum(1)
+            spread = -(attention * torch.log(attention + 1e-9)).sum(1)
+            numbers = torch.stack([m, s.m.amax(1), spread, (s.held[:, 0] / s.held[:, 1]).log()], 1)
+            seen = torch.cat([there, numbers, s.held[:, 2:], offset, log_std], 1)
+        return *self._gaussian(offset, log_std), seen
 
     def features(self, s: States) -> Tensor:
         """What the critic sees of s: z and m where the policy looks, and what it would do."""
         with torch.no_grad():
-            heat, offset, log_std = self._read(s)
-            attention = torch.softmax(heat, 1)
-            z = (s.z.flatten(2) @ attention[..., None])[..., 0]
-            m = (s.m * attention).sum(1)
-            spread = -(attention * torch.log(attention + 1e-9)).sum(1)
-            numbers = torch.stack([m, s.m.amax(1), spread, (s.held[:, 0] / s.held[:, 1]).log()], 1)
-            return torch.cat([z, numbers, s.held[:, 2:], offset, log_std], 1)
+            return self.both(s)[2]
 
 
 class LinearActor(nn.Module):
@@ -167,6 +181,11 @@ class LinearActor(nn.Module):
         mean = self.mean(both if self.joint else z)
         log_std = self.log_std(both if self.joint else s.m)
         return mean, log_std.clamp(*LOG_STD), z
+
+    def both(self, s: States) -> tuple[Tensor, Tensor, Tensor]:
+        """μ, log σ, and `features`: all that an update needs of s."""
+        mean, log_std, z = self(s)
+        return mean, log_std, torch.cat([z.detach(), s.m], 1)
 
     def features(self, s: States) -> Tensor:
         """S = (z, m), eq. 6: 324 + 5184 numbers."""
@@ -227,8 +246,12 @@ def weights_of(actor: Actor, f1: ConditionedF1 | None, basis: Basis | None) -> W
     return {k: np.ascontiguousarray(t.detach().numpy()) for k, t in tensors.items()}
 
 
-def as_states(arrays: Mapping[str, NDArray[np.generic]]) -> States:
-    """A batch from numpy arrays of any float type, by the names of `States`."""
-    return States(
-        *(torch.from_numpy(np.ascontiguousarray(arrays[k])).float() for k in States._fields)
-    )
+def as_states(
+    arrays: Mapping[str, NDArray[np.generic]], rows: NDArray[np.intp] | None = None
+) -> States:
+    """A batch from numpy arrays of any float type, by the names of `States`; or of some rows."""
+    tensors = [torch.from_numpy(arrays[k]) for k in States._fields]
+    if rows is not None:
+        wanted = torch.from_numpy(rows)
+        tensors = [tensor.index_select(0, wanted) for tensor in tensors]
+    return States(*(tensor.float() for tensor in tensors))

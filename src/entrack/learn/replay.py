@@ -113,11 +113,11 @@ class Replay:
         rows, after = self.sample(count, rng)
         a = self.arrays
         return Batch(
-            as_states({k: a[k][rows] for k in States._fields}),
+            as_states(a, rows),
             a["action"][rows].astype(np.float32),
             a["best"][rows].astype(np.float32),
             a["reward"][rows].astype(np.float32),
-            as_states({k: a[k][after] for k in States._fields}),
+            as_states(a, after),
             a["terminated"][rows].astype(np.float32),
         )
 

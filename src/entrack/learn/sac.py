@@ -84,10 +84,10 @@ class SAC:
         """
         c = self.config
         alpha = self.log_alpha.exp().item() if c.alpha > 0 or c.alpha_auto else 0.0
-        s, after = self.actor.features(batch.state), self.actor.features(batch.after)
+        mean, log_std, s = self.actor.both(batch.state)
+        after = self.actor.features(batch.after)
         a, r = torch.from_numpy(batch.action), torch.from_numpy(batch.reward)
         p = torch.from_numpy(batch.terminated)
-        mean, log_std, _ = self.actor(batch.state)
         fresh, log_pi = squashed(mean, log_std, self.actor.reach, noise)  # ã and log π(ã | s)
 
         # eq. 10: κq = r + γ (1 − p) V_ψ'(s')
