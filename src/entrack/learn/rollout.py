@@ -11,13 +11,13 @@ from typing import Any
 
 import numpy as np
 
-from entrack.config import Config
+from entrack.config import Config, PolicyConfig
 from entrack.datasets.sequence import Sequence
 from entrack.files import unfinished
 from entrack.learn.env import EpisodeConfig, play
 from entrack.learn.replay import Episode
 from entrack.learn.store import kept
-from entrack.policy import load_policy
+from entrack.policy import Policy, load_policy
 from entrack.tracker import Tracker
 from entrack.trunk import Trunk, load_trunk
 
@@ -50,6 +50,12 @@ def _trunk(path: Path) -> Trunk:
     return load_trunk(path, threads=1)
 
 
+@lru_cache(2)
+def _policy(path: Path, config: PolicyConfig) -> Policy:
+    """A round's policy; its networks are compiled at the first use, which takes a while."""
+    return load_policy(path, config)
+
+
 @lru_cache(512)
 def _clip(folder: Path, name: str) -> Sequence:
     return kept(folder, [name])[0]
@@ -66,7 +72,7 @@ def roll_out(unit: Rollout, report: Any = None) -> None:
     rng = np.random.default_rng(unit.seed)
     sequence = _clip(unit.clips, unit.names[int(rng.integers(len(unit.names)))])
     assert unit.tracker.policy is not None
-    policy = load_policy(unit.policy, unit.tracker.policy)
+    policy = _policy(unit.policy, unit.tracker.policy)
     tracker = Tracker(unit.tracker, _trunk(unit.trunk), policy)
     episode = play(tracker, sequence, unit.episode, rng, unit.sample, unit.features)
     with unfinished(unit.path).open("wb") as file:

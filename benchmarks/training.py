@@ -1,0 +1,61 @@
+"""Environment steps a second of `entrack train`, rollouts and updates together.
+
+python benchmarks/training.py --data folder:CLIPS [--workers 2] [--set KEY=VALUE ...]
+
+The preset `train-default` with next to no warm start, and episodes that are not ended when the
+target is lost, so that they are as long as those of a policy that has learned to follow. The first
+two rounds are not counted: in them, workers start and open what they need.
+"""
+
+import argparse
+import csv
+import json
+import os
+import tempfile
+import time
+from pathlib import Path
+
+from entrack.learn.grids import changed
+from entrack.learn.train import Source, Training, preset
+from entrack.model import load_model
+
+SHORT = {
+    "bank.looks": 500, "data.made": 2, "warm.steps": 5, "check_every": 1000,
+    "episode.patience": 1000,
+}  # fmt: skip
+
+
+def main() -> None:
+    """Train, and print what it took."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--data", nargs="+", required=True, metavar="FORMAT:DIR")
+    parser.add_argument("--config", default="default")
+    parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--rounds", type=int, default=8)
+    parser.add_argument("--set", nargs="*", default=[], metavar="KEY=VALUE", help="JSON values")
+    given = parser.parse_args()
+    asked = {k: json.loads(v) for k, v in (word.split("=", 1) for word in given.set)}
+    config = changed(preset(given.config), SHORT | {"rounds": given.rounds} | asked)
+    ends: list[float] = []
+
+    def report(stage: str, step: int, steps: int, values: dict[str, float]) -> None:
+        if stage == "policy":
+            ends.append(time.perf_counter())
+
+    with tempfile.TemporaryDirectory() as folder:
+        source = Source(tuple(given.data))
+        run = Path(folder)
+        Training(config, load_model("cf"), source, run, given.workers, report=report)()
+        rows = list(csv.DictReader((run / "sac.csv").open()))
+    steps = [float(row["steps"]) * config.episodes for row in rows]
+    seconds = ends[-1] - ends[1]
+    counted = sum(steps[2:])
+    updates = f"{config.updates * len(steps[2:])} updates of {config.sac.batch} states"
+    print(f"{counted:.0f} steps, {updates} in {seconds:.1f} s: {counted / seconds:.1f} steps/s")
+    print(
+        f"workers {given.workers}, threads of the learner {config.threads}, load {os.getloadavg()}"
+    )
+
+
+if __name__ == "__main__":
+    main()
