@@ -2,11 +2,9 @@
 
 import shutil
 from collections import deque
-from collections.abc import Callable, Generator, Iterator, Mapping
-from collections.abc import Sequence as Sequence_
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from contextlib import closing
-from dataclasses import asdict, dataclass, replace
-from functools import partial
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,18 +13,14 @@ import torch
 from numpy.typing import NDArray
 
 from entrack.config import Config, read
-from entrack.datasets import cutpaste, open_dataset
-from entrack.datasets.frames import ImageFiles
-from entrack.datasets.sequence import Sequence
-from entrack.datasets.synthetic import Props, sample, synthesise
 from entrack.errors import EntrackError
 from entrack.evaluation.cluster import run_on_cluster
 from entrack.evaluation.pool import Event, run_units
 from entrack.files import write_bytes
 from entrack.learn.bank import CHUNK, Chunk, load_bank, make_chunk, principal
 from entrack.learn.config import TrainConfig
-from entrack.learn.env import usable
 from entrack.learn.linear import learner
+from entrack.learn.material import Source, gather
 from entrack.learn.networks import (
     Actor,
     AttentionActor,
@@ -37,7 +31,6 @@ from entrack.learn.networks import (
 )
 from entrack.learn.replay import Episode, Replay
 from entrack.learn.rollout import Rollout, read_episode, roll_out
-from entrack.learn.store import keep
 from entrack.learn.warm import warm_start
 from entrack.model import Model, assets, save_model
 from entrack.trunks import checkpoint
@@ -52,18 +45,6 @@ def preset(name: str) -> TrainConfig:
     """A training configuration by its name, "paper" or "default", or from a TOML file."""
     shipped = assets().parent / "presets" / f"train-{name}.toml"
     return read(TrainConfig, shipped if shipped.is_file() else Path(name))
-
-
-@dataclass(frozen=True)
-class Source:
-    """Where the material is."""
-
-    data: tuple[str, ...]
-    """Annotated clips, each `"FORMAT:DIR"`."""
-    stills: Path | None = None
-    """Pictures of anything, for the warm start."""
-    cutouts: Path | None = None
-    """Folder with train/, masks/ and images/ to cut things out of."""
 
 
 class Training:
@@ -115,7 +96,10 @@ class Training:
     def __call__(self) -> Path:
         """Train from where the run is to the end; return the model folder."""
         (self.run / "stop").unlink(missing_ok=True)
-        self.names, self.made, self.checks = self._gather()
+        self.names, self.made, self.checks = gather(
+            self.source, self.config.data, self.run / "clips", self.failed,
+            lambda step, steps: self.report("clips", step, steps, {}),
+        )  # fmt: skip
         assert self.config.tracker.policy is not None
         if self.config.tracker.policy.f1 == "conditioned":
             self._warm()
@@ -124,52 +108,6 @@ class Training:
         self.learner = learner(self.actor, self.config.sac)
         self._learn()
         return self._ship()
-
-    # -- material ------------------------------------------------------------------------------
-
-    def _gather(self) -> tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...]]:
-        """Put clips on disk; return names of training, synthetic and validation clips."""
-        names: list[str] = []
-        clips = list(self._sequences())
-        for step, (name, make) in enumerate(clips, 1):
-            try:
-                sequence = make()
-                if not usable(sequence):
-                    raise EntrackError("no two frames on end show the target with a box")
-                bad = keep(self.run / "clips", replace(sequence, name=name))
-                if bad:
-                    self.failed[name] = f"{bad} of its frames could not be used"
-                names.append(name)
-            except EntrackError as error:
-                self.failed[name] = str(error)
-            self.report("clips", step, len(clips), {})
-        aside = {name for name in names if name.rsplit("/", 1)[-1] in self._validation}
-        made = tuple(name for name in names if name.startswith("made-"))
-        train = tuple(n for n in names if n not in made and n not in aside)
-        if not train and not made:
-            why = next(iter(self.failed.values()), "there are no clips")
-            raise EntrackError(f"nothing to learn from in {', '.join(self.source.data)}: {why}")
-        return train, made, tuple(sorted(aside))
-
-    @property
-    def _validation(self) -> frozenset[str]:
-        return frozenset(self.config.data.validation)
-
-    def _sequences(self) -> Generator[tuple[str, Callable[[], Sequence]]]:
-        """Name and maker of every clip."""
-        for spec in self.source.data:
-            dataset = open_dataset(spec)
-            for name in dataset.names:
-                yield name.replace("/", "_"), lambda d=dataset, n=name: d.read(n)
-        props = Props()
-        if self.source.cutouts:
-            props = cutpaste.props(self.source.cutouts, without=self._validation)
-        elif self.source.stills:
-            pictures = ImageFiles(sorted(self.source.stills.glob("*.jpg")))
-            props = Props(pictures, pictures)
-        for k in range(self.config.data.made):
-            seed = self.config.data.made_seed + k
-            yield f"made-{seed}", partial(_made, seed, props)
 
     # -- warm start ----------------------------------------------------------------------------
 
@@ -406,13 +344,9 @@ def _principal(chunk: Chunk, report: Any) -> None:
     principal(chunk)
 
 
-def mean_iou(episodes: Sequence_[Episode]) -> float:
+def mean_iou(episodes: Sequence[Episode]) -> float:
     """Mean of the episodes' mean overlaps; NaN for none."""
     return float(np.mean([np.nanmean(e.iou) for e in episodes])) if episodes else float("nan")
-
-
-def _made(seed: int, props: Props) -> Sequence:
-    return synthesise(sample(seed, length=80, width=360, height=270), props)
 
 
 def shortened(failed: Mapping[str, str], most: int = 5) -> str:
