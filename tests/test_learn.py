@@ -139,7 +139,11 @@ def test_replay_keeps_states_beside_their_successors_and_forgets_the_oldest():
     for mark in (100, 200, 300, 400):
         replay.add(fake(6, mark, terminated=mark == 300))
     batch = replay.draw(500, np.random.default_rng(0))
-    now, after = batch.state.m[:, 0].numpy(), batch.after.m[:, 0].numpy()
+    now, after = (
+        states.m[:, 0].numpy()[rows]
+        for states, rows in ((batch.state, batch.now), (batch.after, batch.then))
+    )
+    assert len(batch.state.m) == len(set(now))  # each once
     np.testing.assert_array_equal(after, now + 1)
     np.testing.assert_array_equal(batch.reward, now)
     assert now.min() >= 101  # the first episode is mostly overwritten
@@ -172,7 +176,8 @@ def learner(**changes: object) -> tuple[SAC, Batch]:
     action = rng.uniform(-0.2, 0.2, (8, 4)).astype(np.float32)
     ends = (np.arange(8) % 4 == 0).astype(np.float32)
     gains = rng.random(8).astype(np.float32)
-    return sac, Batch(states(), action, action, gains, states(), ends)
+    rows = np.arange(8)
+    return sac, Batch(states(), rows, action, action, gains, states(), rows, ends)
 
 
 def test_q_learns_equation_10_and_goal_v_follows_by_equation_13():

@@ -30,13 +30,20 @@ class Episode(NamedTuple):
 
 
 class Batch(NamedTuple):
-    """Transitions drawn at random."""
+    """Transitions drawn at random.
+
+    A state that was drawn several times is there once: a buffer of one short video has few.
+    """
 
     state: States
+    now: NDArray[np.intp]
+    """(N,): which of `state` each transition starts from."""
     action: NDArray[np.float32]
     best: NDArray[np.float32]
     reward: NDArray[np.float32]
     after: States
+    then: NDArray[np.intp]
+    """(N,): which of `after` each transition leads to."""
     terminated: NDArray[np.float32]
 
 
@@ -112,12 +119,16 @@ class Replay:
         """Draw `count` transitions uniformly, with replacement."""
         rows, after = self.sample(count, rng)
         a = self.arrays
+        state, now = np.unique(rows, return_inverse=True)
+        following, then = np.unique(after, return_inverse=True)
         return Batch(
-            as_states(a, rows),
+            as_states(a, state),
+            now,
             a["action"][rows].astype(np.float32),
             a["best"][rows].astype(np.float32),
             a["reward"][rows].astype(np.float32),
-            as_states(a, after),
+            as_states(a, following),
+            then,
             a["terminated"][rows].astype(np.float32),
         )
 

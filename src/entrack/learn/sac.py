@@ -52,9 +52,9 @@ class SAC:
         self.v = perceptron(size, config.hidden)
         self.goal_v = deepcopy(self.v).requires_grad_(False)
         self.log_alpha = nn.Parameter(torch.tensor(float(np.log(max(config.alpha, 1e-8)))))
-        self.optimise_q = torch.optim.Adam(self.q.parameters(), config.lr)
-        self.optimise_v = torch.optim.Adam(self.v.parameters(), config.lr)
-        self.optimise_pi = torch.optim.Adam(actor.parameters(), config.actor_lr)
+        self.optimise_q = torch.optim.Adam(self.q.parameters(), config.lr, fused=True)
+        self.optimise_v = torch.optim.Adam(self.v.parameters(), config.lr, fused=True)
+        self.optimise_pi = torch.optim.Adam(actor.parameters(), config.actor_lr, fused=True)
         self.optimise_alpha = torch.optim.Adam([self.log_alpha], 1e-3)
 
     @property
@@ -84,8 +84,9 @@ class SAC:
         """
         c = self.config
         alpha = self.log_alpha.exp().item() if c.alpha > 0 or c.alpha_auto else 0.0
-        mean, log_std, s = self.actor.both(batch.state)
-        after = self.actor.features(batch.after)
+        now, then = torch.from_numpy(batch.now), torch.from_numpy(batch.then)
+        mean, log_std, s = (part[now] for part in self.actor.both(batch.state))
+        after = self.actor.features(batch.after)[then]
         a, r = torch.from_numpy(batch.action), torch.from_numpy(batch.reward)
         p = torch.from_numpy(batch.terminated)
         fresh, log_pi = squashed(mean, log_std, self.actor.reach, noise)  # ã and log π(ã | s)
