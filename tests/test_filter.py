@@ -114,3 +114,26 @@ def test_everything_broadcasts_over_several_targets():
 def test_a_featureless_template_gives_a_finite_filter():
     x = np.zeros((4, 6, 6), np.float32)
     assert np.isfinite(cf.fit(cf.spectrum(x), cf.spectrum(cf.label(6, 0.6)), 0.0)).all()
+
+
+SIZES = np.log(np.float32([1 / 1.1, 1, 1.1]))
+
+
+@pytest.mark.parametrize("size", [0.93, 1.0, 1.07])
+def test_the_size_is_found_between_those_looked_at(size: float):
+    heights = np.exp(-((SIZES - np.log(size)) ** 2) / 0.1).astype(np.float32)
+    found = cf.highest(heights, SIZES, cf.parabola(SIZES))
+    assert found == pytest.approx(np.log(size), abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("heights", "size"),
+    [((0.1, 0.2, 0.9), 1.1), ((0.4, 0.5, 0.6), 1.1), ((0.9, 0.2, 0.1), 1 / 1.1)],
+)
+def test_no_size_is_found_beyond_those_looked_at(heights: tuple[float, ...], size: float):
+    found = cf.highest(np.float32(heights), SIZES, cf.parabola(SIZES))
+    assert found == pytest.approx(np.log(size), abs=1e-6)
+
+
+def test_where_nothing_answers_the_size_stays():
+    assert cf.highest(np.zeros(3, np.float32), SIZES, cf.parabola(SIZES)) == 0

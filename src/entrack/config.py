@@ -53,6 +53,9 @@ class ScaleConfig:
     """What the response of a changed size is multiplied by, once for each step away."""
     rate: float = Field(default=0.6, gt=0, le=1)
     """Share of the found change of size that is followed."""
+    between: bool = False
+    """The found size is where a parabola through the logarithms of all sizes' responses is highest,
+    no further than the outermost size; otherwise the size that answers most, after penalties."""
 
 
 @dataclass(frozen=True, config=_STRICT)

@@ -107,6 +107,31 @@ def psr(response: Features, i: int, j: int, radius: int = 2) -> float:
     return float((response[i, j] - rest.mean()) / (rest.std() + 1e-6))
 
 
+def parabola(sizes: Features) -> Features:
+    """Maps values at `sizes` (k,) to the coefficients of x² and x of the parabola nearest to them.
+
+    >>> a, b = parabola(np.float32([-1, 0, 1])) @ [0, 1, 0]
+    >>> round(float(-b / (2 * a)), 6), round(float(a), 6)
+    (0.0, -1.0)
+    """
+    return np.linalg.pinv(np.vander(np.asarray(sizes, np.float64), 3))[:2].astype(np.float32)
+
+
+def highest(heights: Features, sizes: Features, nearest: Features) -> float:
+    """Size at which the parabola through the logarithms of `heights` (k,) has its top.
+
+    In units of `sizes`, logarithms of what was looked at, and no further out than those;
+    `nearest` is `parabola(sizes)`. Where there is no top between them, the highest of them; where
+    nothing answers, 0.
+    """
+    level = np.log(np.maximum(heights, 1e-3))
+    if np.ptp(level) < 1e-6:
+        return 0.0
+    bend, slope = (nearest @ level).tolist()
+    top = -slope / (2 * bend) if bend < 0 else float(sizes[level.argmax()])
+    return min(max(top, float(sizes[0])), float(sizes[-1]))
+
+
 @cache
 def _transform(n: int) -> tuple[Features, Spectrum]:
     """The Fourier matrices: of rows, as real (n, 2 (n // 2 + 1)); of columns, complex (n, n)."""

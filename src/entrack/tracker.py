@@ -1,5 +1,6 @@
 """Online tracking, §3.2.7: look around the last box, answer, move, and learn the new appearance."""
 
+import math
 import time
 from collections.abc import Iterable, Mapping
 from copy import copy
@@ -118,6 +119,8 @@ class Tracker:
         half = config.scale.steps // 2
         self._steps = np.arange(-half, half + 1)
         self._zooms: list[float] = (config.scale.factor ** self._steps.astype(np.float64)).tolist()
+        self._sizes = np.log(np.array(self._zooms, np.float32))
+        self._parabola = cf.parabola(self._sizes)
         self._rng = np.random.default_rng(config.policy.seed if config.policy else 0)
 
     def init(self, image: Any, box: ArrayLike) -> None:
@@ -282,7 +285,7 @@ class Tracker:
         window = windows.around(target.box, config.window, self._zooms[best])
         cell = window.box[2:] / target.look.response.shape[-1]
         centre = boxes_.centre(target.box) + np.array([peak.dx, peak.dy]) * cell
-        size = target.box[2:] * (1 + config.scale.rate * (self._zooms[best] - 1))
+        size = target.box[2:] * self._grown(target)
         return _Answer(boxes_.from_centre(centre, size), _evidence(peak))
 
     def _follow_policy(self, target: _Target) -> _Answer:
@@ -305,15 +308,21 @@ class Tracker:
         growth = np.log(np.maximum(box[2:], 1e-3) / target.box[2:])
         if config.keep_aspect:
             growth = np.full(2, growth.mean())
-        searched = np.log(1 + self.config.scale.rate * (self._zooms[self._best(target)] - 1))
-        growth = (1 - config.search) * growth + config.search * searched
+        growth = (1 - config.search) * growth + config.search * np.log(self._grown(target))
         return boxes_.from_centre(boxes_.centre(box), target.box[2:] * np.exp(growth))
 
     def _best(self, target: _Target) -> int:
         """Which of the sizes that were looked at answers most, after the penalties."""
         penalties = self.config.scale.penalty ** np.abs(self._steps)
-        heights = np.array([look.response.max() for look in target.looks])
-        return int((heights * penalties).argmax())
+        return int((_heights(target) * penalties).argmax())
+
+    def _grown(self, target: _Target) -> float:
+        """By what factor the size changes, as far as the scale search says."""
+        rate = self.config.scale.rate
+        if not self.config.scale.between:
+            return 1 + rate * (self._zooms[self._best(target)] - 1)
+        top = cf.highest(_heights(target), self._sizes, self._parabola)
+        return math.exp(rate * top)
 
     def move(self, actions: ArrayLike) -> list[Boxes]:
         """Add one action (4,) a target to the boxes (eq. 7) and learn the new appearance."""
@@ -395,6 +404,11 @@ def moved(box: ArrayLike, action: ArrayLike) -> Boxes:
     """
     b = np.asarray(box, np.float64)
     return boxes_.from_corners(boxes_.to_corners(b) + np.asarray(action) * np.tile(b[2:], 2))
+
+
+def _heights(target: _Target) -> NDArray[np.float32]:
+    """How much each of the sizes that were looked at answers (k,)."""
+    return np.array([look.response.max() for look in target.looks])
 
 
 def _evidence(peak: cf.Peak) -> dict[str, float]:

@@ -96,6 +96,8 @@ class Step(nn.Module):
     back_im: Tensor
     zooms: Tensor
     penalties: Tensor
+    sizes: Tensor
+    parabola: Tensor
 
     def __init__(self, config: Config, policy: Policy | None, channels: int) -> None:
         super().__init__()
@@ -108,13 +110,15 @@ class Step(nn.Module):
         back = turns[: n // 2 + 1].conj() * once[:, None] / n**2
         half = config.scale.steps // 2
         steps = np.arange(-half, half + 1)
+        zooms = config.scale.factor ** steps.astype(np.float64)
+        sizes = np.log(zooms.astype(np.float32))
         arrays = {
             "taper": taper, "label_re": label.real, "label_im": label.imag,
             "rows_re": turns.real[:, : n // 2 + 1], "rows_im": turns.imag[:, : n // 2 + 1],
             "columns_re": turns.real, "columns_im": turns.imag,
             "back_re": back.real, "back_im": back.imag,
-            "zooms": config.scale.factor ** steps.astype(np.float64),
-            "penalties": config.scale.penalty ** np.abs(steps),
+            "zooms": zooms, "penalties": config.scale.penalty ** np.abs(steps),
+            "sizes": sizes, "parabola": cf.parabola(sizes),
         }  # fmt: skip
         for name, array in arrays.items():
             self.register_buffer(name, torch.from_numpy(np.array(array, np.float32)))
@@ -129,9 +133,11 @@ class Step(nn.Module):
         """See the card that `export_model` writes."""
         template = (1 - rate) * template + rate * (features[0] * self.taper)  # eq. 14
         responses = self.respond(template, features[1:] * self.taper)
-        best = (responses.amax((1, 2)) * self.penalties).argmax(0, keepdim=True)
-        zoom = self.zooms[best]
-        growth = 1 + self.config.scale.rate * (zoom - 1)
+        heights = responses.amax((1, 2))
+        best = (heights * self.penalties).argmax(0, keepdim=True)
+        zoom, scale = self.zooms[best], self.config.scale
+        grown = scale.rate * (self.highest(heights) if scale.between else zoom - 1)
+        growth = grown.exp() if scale.between else 1 + grown
         if self.policy is None:
             dx, dy, height, psr = self.peak(responses[best][0])
             offset = torch.stack([dx, dy]) * zoom / self.n
@@ -190,6 +196,15 @@ class Step(nn.Module):
             self.columns_re @ im - self.columns_im @ re,
         )
         return along[0] @ self.back_re - along[1] @ self.back_im
+
+    def highest(self, heights: Tensor) -> Tensor:
+        """`filter.highest`: (1,)."""
+        level = heights.clamp_min(1e-3).log()
+        bend, slope = self.parabola @ level
+        top = -slope / (2 * torch.where(bend < 0, bend, -1.0))
+        top = torch.where(bend < 0, top, self.sizes[level.argmax()])
+        top = torch.where(level.amax() - level.amin() < 1e-6, 0.0, top)
+        return top.clamp(self.sizes[0], self.sizes[-1])[None]
 
     def peak(self, response: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
         """`filter.peak`: dx, dy in cells, height, peak-to-sidelobe ratio."""
