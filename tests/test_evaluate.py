@@ -157,6 +157,25 @@ def test_supervised_runs_start_again_five_frames_after_a_failure(vot, tmp_path):
     assert runs[0].stat().st_mtime_ns == mtime
 
 
+@pytest.mark.parametrize(
+    ("protocols", "failures"),
+    [(("vot-toolkit",), 2), (("vot2016",), 0), (("vot2016", "vot-toolkit"), 0)],
+)
+def test_a_failure_is_what_the_protocols_toolkit_calls_one(vot, tmp_path, protocols, failures):
+    """Boxes that share part of a column of pixels: region.c sees an overlap, vot-toolkit none."""
+    touching = "14.75,5,24.75,5,24.75,15,14.75,15"
+    truth = vot / "bag" / "groundtruth.txt"
+    truth.write_text(
+        "\n".join([touching if i in (3, 15) else "5,5,15,5,15,15,5,15" for i in range(24)])
+    )
+    prepared = Evaluation.prepare(
+        [f"vot2016:{vot}"], ["stub_trackers:Still"], tmp_path / "out", Options(protocols)
+    )
+    prepared.run()
+    lines = next((tmp_path / "out").rglob("bag_001.txt")).read_text().splitlines()
+    assert lines.count("2") == failures
+
+
 @pytest.mark.parametrize("layout", ["otb", "got10k", "pysot"])
 def test_exported_results_score_the_same_when_they_come_back(data, tmp_path, layout):
     out = tmp_path / "out"

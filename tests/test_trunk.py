@@ -11,7 +11,7 @@ pytest.importorskip("onnxruntime")
 
 from entrack.errors import EntrackError
 from entrack.model import load_model
-from entrack.trunk import ENGINES, OpenVINOTrunk, load_trunk, sha256
+from entrack.trunk import ENGINES, OpenVINOTrunk, each, load_trunk, sha256
 from entrack.trunks.export import export
 from entrack.trunks.networks import as_input
 from trunk_files import picture, student, write_trunk
@@ -50,6 +50,16 @@ def test_a_patch_has_the_same_features_in_any_company(engine: str, file: Path, p
     for count in (1, 2, 4):
         np.testing.assert_allclose(trunk(patches[:count]), together[:count], atol=1e-5)
     np.testing.assert_allclose(trunk(patches[::-1].copy()), together[::-1], atol=1e-5)
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_features_come_in_the_order_of_the_patches(engine: str, file: Path, patches: np.ndarray):
+    trunk = load_trunk(file, engine, threads=2)
+    together = trunk(patches)
+    for found, expected in zip(each(trunk, iter(patches)), together, strict=True):
+        np.testing.assert_allclose(found, expected, atol=1e-5)
+    next(each(trunk, patches))  # and the rest is not asked for
+    np.testing.assert_allclose(trunk(patches), together, atol=1e-5)
 
 
 @pytest.mark.parametrize("engine", ENGINES)

@@ -2,7 +2,8 @@
 
 import math
 import time
-from collections.abc import Iterable, Mapping
+from collections import deque
+from collections.abc import Iterable, Iterator, Mapping
 from copy import copy
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
@@ -18,7 +19,7 @@ from entrack.config import Config
 from entrack.errors import EntrackError
 from entrack.policy import Policy
 from entrack.state import State, held, shifted
-from entrack.trunk import Trunk
+from entrack.trunk import Trunk, each
 
 PLACES = 128
 """Centres and sizes are multiples of 1 / 128 pixel. Engines differ in the last bits of a float,
@@ -235,26 +236,36 @@ class Tracker:
         """
         frame = self._frame = windows.as_bgr(image)
         self._follow_size(frame)
-        patches = [self._patch(frame, t.box, zoom) for t in self._targets for zoom in self._zooms]
-        due = [t for t in self._targets if t.unlearned is not None]
-        seen = [t.unlearned for t in due if t.unlearned is not None]
-        features = self._features(seen + patches)
-        for target, x in zip(due, features[: len(due)], strict=True):
-            self._learn(target, x * self._taper)
-        looks = list(zip(patches, features[len(due) :], strict=True))
-        for k, target in enumerate(self._targets):
-            of_target = looks[k * len(self._zooms) : (k + 1) * len(self._zooms)]
-            # One by one: arrays of megabytes would be new pages from the system in every frame,
-            # which cost more than the arithmetic.
+        patches: deque[windows.Image] = deque()
+        features = each(self.trunk, self._patches(frame, patches))
+        for target in self._targets:
+            if target.unlearned is not None:
+                self._learn(target, next(features) * self._taper)
+            # One by one: the trunk works on those that follow, and arrays of megabytes would be
+            # new pages from the system in every frame, which cost more than the arithmetic.
             target.looks = [
-                Look(p, z, self.respond(target.weights, cf.spectrum(z * self._taper)), zoom)
-                for (p, z), zoom in zip(of_target, self._zooms, strict=True)
+                self._look(target, next(features), patches.popleft(), zoom) for zoom in self._zooms
             ]
             target.look = target.looks[len(self._zooms) // 2]
             target.state = self._state(target)
             if target.state:
                 target.look = replace(target.look, z=target.state.z)
         return [target.state for target in self._targets]
+
+    def _patches(self, frame: windows.Image, kept: deque[windows.Image]) -> Iterator[windows.Image]:
+        """What the trunk sees in a frame: what is unlearned, and what is looked at, `kept`."""
+        for target in self._targets:
+            if target.unlearned is not None:
+                yield target.unlearned
+            for zoom in self._zooms:
+                kept.append(self._patch(frame, target.box, zoom))
+                yield kept[-1]
+
+    def _look(
+        self, target: _Target, features: cf.Features, patch: windows.Image, zoom: float
+    ) -> Look:
+        response = self.respond(target.weights, cf.spectrum(features * self._taper))
+        return Look(patch, features, response, zoom)
 
     @property
     def boxes(self) -> list[Boxes]:

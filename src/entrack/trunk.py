@@ -7,6 +7,7 @@ features float32 (N, C, S/16, S/16).
 import hashlib
 import os
 import warnings
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -28,6 +29,15 @@ class Trunk(Protocol):
     def __call__(self, patches: Image) -> Features:
         """Patches (N, S, S, 3) BGR uint8 → features (N, C, S/16, S/16) float32."""
         ...
+
+
+def each(trunk: Trunk, patches: Iterable[Image]) -> Iterator[Features]:
+    """Yield the features (C, S/16, S/16) of each patch (S, S, 3), in their order.
+
+    A trunk with a method `each` does it as the patches come; to others they are one batch.
+    """
+    own = getattr(trunk, "each", None)
+    yield from own(patches) if own else trunk(np.stack(list(patches)))
 
 
 class OpenVINOTrunk:
@@ -58,22 +68,34 @@ class OpenVINOTrunk:
 
     def __call__(self, patches: Image) -> Features:
         """See `Trunk`."""
-        n, size = patches.shape[:2]
+        return np.stack(list(self.each(patches)))
+
+    def each(self, patches: Iterable[Image]) -> Iterator[Features]:
+        """See `each`: it works on a patch while the caller cuts the next, or uses the last Z."""
+        running: list[tuple[Any, Image, Features]] = []  # the engine reads and writes their memory
+        try:
+            for patch in patches:
+                request = self._request(len(running), len(patch))
+                patch = np.ascontiguousarray(patch[None])
+                features = np.empty(self._network.output().shape, np.float32)
+                request.set_input_tensor(self._ov.Tensor(patch, shared_memory=True))
+                request.set_output_tensor(self._ov.Tensor(features, shared_memory=True))
+                request.start_async()
+                running.append((request, patch, features))
+            for request, _, features in running:
+                request.wait()
+                yield features[0]
+        finally:
+            for request, *_ in running:
+                request.wait()
+
+    def _request(self, index: int, size: int) -> Any:
+        """The place of the engine for the patch at `index`."""
         if size != self._size:
             self._network, self._requests, self._size = self._compile(size), [], size
-        missing = range(n - len(self._requests))
-        self._requests += [self._network.create_infer_request() for _ in missing]
-        shape = self._network.output().shape
-        features = np.empty((n, *shape[1:]), np.float32)
-        patches = np.ascontiguousarray(patches)
-        running = self._requests[:n]
-        for i, request in enumerate(running):
-            request.set_input_tensor(self._ov.Tensor(patches[i : i + 1], shared_memory=True))
-            request.set_output_tensor(self._ov.Tensor(features[i : i + 1], shared_memory=True))
-            request.start_async()
-        for request in running:
-            request.wait()
-        return features
+        if index == len(self._requests):
+            self._requests.append(self._network.create_infer_request())
+        return self._requests[index]
 
     def _compile(self, size: int) -> Any:
         ov = self._ov

@@ -54,6 +54,8 @@ class Protocol:
         Scores predicted boxes, one array (T, 4) a repetition.
     supervised
         Scores trajectories, one a repetition.
+    toolkit
+        Failures are found by vot-toolkit's overlap while the tracker runs, not by region.c's.
     certain
         Scores the boxes (T, 4) of one run together with what the tracker said of itself. A protocol
         has one of the three.
@@ -65,6 +67,7 @@ class Protocol:
     ope: Callable[[Sequence, list[Floats]], Score] | None = None
     supervised: Callable[[Sequence, list[vot.Trajectory]], Score] | None = None
     certain: Callable[[Sequence, Floats, Certainty], Score] | None = None
+    toolkit: bool = False
 
     def curves(self, scores: SequenceOf[Score]) -> dict[str, Floats]:
         """Curves over all sequences; NaN where nothing was counted."""

@@ -149,7 +149,8 @@ def _protocols() -> Iterator[Protocol]:
     for year, (low, high) in EAO_BOUNDS.items():
         # A run of N frames is the curve's point N − 1; vot-toolkit reads the point N instead.
         yield Protocol(year, (year,), _vot_numbers(low - 1, high - 1), supervised=pysot_vot)
-        yield Protocol("vot-toolkit", (year,), _vot_numbers(low, high), supervised=vot_toolkit)
+        numbers = _vot_numbers(low, high)
+        yield Protocol("vot-toolkit", (year,), numbers, supervised=vot_toolkit, toolkit=True)
 
 
 PROTOCOLS = tuple(_protocols())

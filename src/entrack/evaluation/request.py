@@ -41,9 +41,10 @@ class Entry:
 
     def units(self, threads: int) -> list[tuple[Unit, Sequence]]:
         """Every sequence as a unit of work."""
-        supervised = any(protocol.supervised for protocol in self.protocols)
+        judges = [protocol.toolkit for protocol in self.protocols if protocol.supervised]
+        supervised, toolkit = bool(judges), bool(judges) and all(judges)
         return [
-            (Unit(self.spec, s.name, self.contender, self.folder, supervised, threads), s)
+            (Unit(self.spec, s.name, self.contender, self.folder, supervised, threads, toolkit), s)
             for s in self.truth.sequences
         ]
 

@@ -40,6 +40,8 @@ class Unit:
         Whether the tracker is started again after a failure (VOT).
     threads
         Threads that the tracker may use.
+    toolkit
+        Whether vot-toolkit's overlap says what a failure is, not region.c's.
     """
 
     data: str
@@ -48,6 +50,7 @@ class Unit:
     folder: Path
     supervised: bool
     threads: int = 1
+    toolkit: bool = False
 
     def anywhere(self) -> "Unit":
         """Return it with paths that do not depend on the working folder."""
@@ -134,7 +137,7 @@ def _supervised(unit: Unit, run: "_Run") -> None:
     for number in range(1, REPETITIONS + 1):
         path = unit.repetition(number)
         if not path.is_file():
-            result, times = run.supervised()
+            result, times = run.supervised(unit.toolkit)
             _write(path.with_name(f"{path.stem}_time.value"), _lines(times))
             _write(path, trajectory.write_text(result))
         runs.append(path.read_bytes())
@@ -164,7 +167,7 @@ class _Run:
             boxes[frame] = self._follow(frame, (4,))
         return boxes, self._times
 
-    def supervised(self) -> tuple[vot.Trajectory, Floats]:
+    def supervised(self, toolkit: bool) -> tuple[vot.Trajectory, Floats]:
         """A run that starts anew five frames after the overlap is 0, as VOT does."""
         sequence, length = self.sequence, len(self.sequence)
         truth = Regions.of(sequence.boxes if sequence.polygons is None else sequence.polygons)
@@ -179,7 +182,8 @@ class _Run:
             frame += 1
             while frame < length:
                 answer = Regions.of([self._follow(frame, (4,), (8,))])
-                overlap = vot.overlaps(answer, truth[frame : frame + 1], size)[0]
+                here = truth[frame : frame + 1]
+                overlap = vot.overlaps(answer, here, size, toolkit=toolkit)[0]
                 if not overlap > 0:
                     codes[frame] = vot.FAILURE
                     frame += vot.SKIP
