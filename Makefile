@@ -4,7 +4,7 @@ PYTHON ?= python3
 BASE := .venv/base
 DEV := .venv/dev
 
-.PHONY: demo test lint types docs audit clean fuzz faults crash soak
+.PHONY: demo test lint types docs audit clean fuzz faults crash disk soak soak-web
 
 demo: $(BASE)/.installed
 	$(BASE)/bin/entrack demo --out out/demo
@@ -26,8 +26,8 @@ audit: $(DEV)/.installed
 	.ci/audit $(DEV)/bin
 
 # The long forms of the tests of reliability: a line of figures and out/reliability/NAME.json each.
-fuzz faults crash soak: $(DEV)/.installed
-	OPENCV_LOG_LEVEL=SILENT $(DEV)/bin/python -m reliability.$@
+fuzz faults crash disk soak soak-web: $(DEV)/.installed
+	OPENCV_LOG_LEVEL=SILENT $(DEV)/bin/python -m reliability.$(subst -,_,$@)
 
 $(BASE)/.installed: pyproject.toml
 	$(PYTHON) -m venv $(BASE)

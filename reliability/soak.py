@@ -80,9 +80,9 @@ class Camera:
         return index if index < length else 2 * length - 2 - index
 
 
-def resident() -> float:
-    """Memory of this process, MB."""
-    pages = int(Path("/proc/self/statm").read_text().split()[1])
+def resident(process: int | str = "self") -> float:
+    """Memory of a process, by default this one, MB."""
+    pages = int(Path(f"/proc/{process}/statm").read_text().split()[1])
     return pages * 4096 / 1e6
 
 

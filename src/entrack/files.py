@@ -48,3 +48,8 @@ def write_bytes(path: Path, data: bytes) -> None:
     with writing(path):
         unfinished(path).write_bytes(data)
         unfinished(path).replace(path)
+
+
+def copy(source: Path, path: Path) -> None:
+    """Copy a file, whole or not at all."""
+    write_bytes(path, read_bytes(source, largest=2**31))

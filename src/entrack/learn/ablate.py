@@ -18,7 +18,7 @@ import numpy as np
 
 from entrack.errors import EntrackError
 from entrack.evaluation.run import Evaluation, Options
-from entrack.files import write_bytes
+from entrack.files import copy, write_bytes
 from entrack.learn.config import TrainConfig
 from entrack.learn.grids import GRIDS, cells
 from entrack.learn.train import Report, Source, Training
@@ -94,8 +94,8 @@ def ablate(
             )
             _keep_warm(out, training)
             write_bytes(folder / "score.json", json.dumps(numbers, indent=1).encode())
-            for used_up in ("episodes", "policies"):
-                shutil.rmtree(folder / "run" / used_up)
+        for used_up in ("episodes", "policies"):
+            shutil.rmtree(folder / "run" / used_up, ignore_errors=True)
         report("cells", step, len(runs), {})
         scored()
     return left_out
@@ -154,7 +154,7 @@ def _training(
             (run / name).symlink_to(place.resolve(), target_is_directory=True)
     warm = shared / "warm.safetensors"
     if warm.exists() and not (run / warm.name).exists():
-        shutil.copyfile(warm, run / warm.name)
+        copy(warm, run / warm.name)
     begun = (run / "config.json").exists()
     return Training(config, plan.model, plan.source, run, workers, resume=begun, report=report)
 
@@ -172,7 +172,7 @@ def _keep_warm(out: Path, training: Training) -> None:
     made = training.run / "warm.safetensors"
     kept = _shared(out, training.config) / made.name
     if made.exists() and not kept.exists():
-        write_bytes(kept, made.read_bytes())
+        copy(made, kept)
 
 
 def _evaluate(tests: tuple[str, ...], model: Path, out: Path, workers: int) -> Numbers:

@@ -1,6 +1,5 @@
 """`entrack train`: clips to disk, a bank of looks, the warm start, then rounds of SAC."""
 
-import shutil
 from collections import deque
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from contextlib import closing
@@ -16,7 +15,7 @@ from entrack.config import Config, read
 from entrack.errors import EntrackError
 from entrack.evaluation.cluster import run_on_cluster
 from entrack.evaluation.pool import Event, run_units
-from entrack.files import write_bytes
+from entrack.files import copy, write_bytes
 from entrack.learn.bank import CHUNK, Chunk, load_bank, make_chunk, principal
 from entrack.learn.config import TrainConfig
 from entrack.learn.linear import learner
@@ -179,9 +178,9 @@ class Training:
                     self._await(events, units, arrived, wanted)
                     values = self._round_done(number, replay)
                     self._write_policy(number + 1)
+                    log.write(number + 1, values)  # first: a row too many is dropped on resuming
                     checkpoint.save(path, networks, optimisers, number + 1)
                     self._forget(number)
-                    log.write(number + 1, values)
                     self.report("policy", number + 1, c.rounds, values)
                 self._await(events, units, arrived, {unit.number for unit in last})
         except BaseException:
@@ -325,8 +324,8 @@ class Training:
         """Write the model folder."""
         folder = self.run / "model"
         folder.mkdir(exist_ok=True)
-        shutil.copyfile(self.base.trunk, folder / "trunk.onnx")
-        shutil.copyfile(self._policy_path(self.config.rounds), folder / "policy.safetensors")
+        copy(self.base.trunk, folder / "trunk.onnx")
+        copy(self._policy_path(self.config.rounds), folder / "policy.safetensors")
         text = "Filter, state and a policy learned by maximum-entropy reinforcement learning."
         config: Config = self.config.tracker
         save_model(

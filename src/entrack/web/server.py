@@ -8,13 +8,14 @@ from typing import Any
 
 from nicegui import app, ui
 from starlette.middleware.trustedhost import TrustedHostMiddleware
-from starlette.responses import PlainTextResponse
 
 from entrack.errors import EntrackError
+from entrack.web.guard import Guard
 
 LOOPBACK = ("127.0.0.1", "localhost")
 _REMEMBERED = 60  # messages, to be sent again after an interruption; they hold pictures
 _SPARE = 1_000_000  # bytes that an upload's form may have around the file
+_MESSAGE = 1_000_000  # bytes of a websocket's message; the page's are of a few hundred
 
 
 def serve(
@@ -48,7 +49,7 @@ def serve(
     port = _free(host, port)
     if host in LOOPBACK:  # else another site's name, made to point here, would be let in
         app.add_middleware(TrustedHostMiddleware, allowed_hosts=[*LOOPBACK])
-    app.add_middleware(_Limit, largest=megabytes * 1_000_000 + _SPARE)
+    app.add_middleware(Guard, largest=megabytes * 1_000_000 + _SPARE)
     ready(f"http://{f'[{host}]' if ':' in host else host}:{port}")
     ui.page("/")(page)
     ui.run(
@@ -62,7 +63,8 @@ def serve(
         tailwind=False,
         show_welcome_message=False,
         uvicorn_logging_level="error",
-        ws_per_message_deflate=False,  # most of what is sent are JPEGs
+        ws_per_message_deflate=False,  # most of what is sent are JPEGs; and nothing is inflated
+        ws_max_size=_MESSAGE,
         message_history_length=_REMEMBERED,
         timeout_graceful_shutdown=1,
     )
@@ -89,18 +91,3 @@ def _free(host: str, port: int) -> int:
         except (OSError, OverflowError) as error:
             raise EntrackError(f"cannot listen on {host}:{port}: {error}") from error
         return probe.getsockname()[1]
-
-
-class _Limit:
-    """Refuse requests with too much in them before they are read."""
-
-    def __init__(self, app: Any, largest: int) -> None:
-        self._app, self._largest = app, largest
-
-    async def __call__(self, scope: Any, receive: Any, send: Any) -> None:
-        if scope["type"] == "http" and scope["method"] not in ("GET", "HEAD"):
-            length = dict(scope["headers"]).get(b"content-length", b"")
-            if not length.isdigit() or int(length) > self._largest:
-                refusal = PlainTextResponse(f"more than {self._largest} bytes", 413)
-                return await refusal(scope, receive, send)
-        return await self._app(scope, receive, send)
