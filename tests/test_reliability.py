@@ -6,20 +6,16 @@ import subprocess
 import sys
 from pathlib import Path
 
-import numpy as np
 import pytest
 from reliability.corpus import FAULTS, GOOD, write
 from reliability.faults import look
 from reliability.fuzz import attempt, fuzz, guarded
-from reliability.targets import TARGETS, Means
+from reliability.targets import TARGETS
 
 import entrack
 from entrack import EntrackError
-from entrack import filter as cf
-from entrack.config import Config, WindowConfig
 from entrack.model import assets, load_model, sha256
 from entrack.policy import load_policy
-from entrack.tracker import Tracker
 from entrack.video import Clip, open_source
 
 KEPT = sorted((Path(__file__).parent / "fuzz").glob("*/*"))
@@ -73,72 +69,6 @@ def test_a_picture_that_claims_a_billion_pixels_is_refused(tmp_path: Path) -> No
     (tmp_path / "bomb.bmp").write_bytes(header)
     with pytest.raises(EntrackError, match="not a picture"):
         ImageFiles([tmp_path / "bomb.bmp"])[0]
-
-
-CONTENTS = {
-    "black": np.zeros((60, 80, 3), np.uint8),
-    "white": np.full((60, 80, 3), 255, np.uint8),
-    "grey": np.full((60, 80, 3), 127, np.uint8),
-    "noise": np.random.default_rng(0).integers(0, 256, (60, 80, 3), np.uint8),
-}
-
-
-@pytest.mark.parametrize("name", ["default", "policy"])
-@pytest.mark.parametrize("content", CONTENTS)
-def test_no_number_leaves_the_tracker_that_is_none(name: str, content: str) -> None:
-    tracker, image = entrack.load(name, threads=1), CONTENTS[content]
-    tracker.init(image, (30, 20, 20, 15))
-    for k in range(4):
-        said = tracker.update(np.roll(image, k, axis=1))
-        assert np.isfinite([*said.box, said.score, *said.search]).all()
-        assert said.sigma is None or np.isfinite(said.sigma).all()
-        assert 0 <= said.box[0] + said.box[2] / 2 <= 80 and (said.box[2:] <= [100, 75]).all()
-        assert (said.box[2:] >= [4 - 1e-9, 3 - 1e-9]).all()
-
-
-def test_a_template_of_zeros_has_a_finite_filter() -> None:
-    nothing = cf.spectrum(np.zeros((3, 18, 18), np.float32))
-    weights = cf.fit(nothing, cf.spectrum(cf.label(18, 1.8)), 0.01)
-    assert np.isfinite(weights).all() and not cf.respond(weights, nothing).any()
-
-
-def test_a_network_that_overflows_leaves_the_box_and_says_lost() -> None:
-    class Broken(Means):
-        broken = False
-
-        def __call__(self, patches: np.ndarray) -> np.ndarray:
-            features = super().__call__(patches)
-            return features * np.float32("nan") if self.broken else features
-
-    trunk = Broken()
-    tracker = Tracker(Config(window=WindowConfig(size=64)), trunk)
-    tracker.init(CONTENTS["noise"], (30, 20, 20, 15))
-    trunk.broken = True
-    said = tracker.update(CONTENTS["noise"])
-    assert np.isfinite(said.box).all() and said.score == 0 and said.lost
-
-
-def test_the_filter_in_single_precision_is_that_in_double() -> None:
-    rng = np.random.default_rng(0)
-    x, z = rng.standard_normal((2, 32, 18, 18))
-    label = np.fft.rfft2(cf.label(18, 1.8).astype(np.float64))
-    spectrum = np.fft.rfft2(x)
-    energy = (np.abs(spectrum) ** 2).sum(0)
-    weights = spectrum.conj() * label / (energy + 0.01 * energy.mean())
-    exact = np.fft.irfft2((weights * np.fft.rfft2(z)).sum(0), s=(18, 18))
-    single = [cf.spectrum(a.astype(np.float32)) for a in (x, z)]
-    ours = cf.respond(cf.fit(single[0], label.astype(np.complex64), 0.01), single[1])
-    np.testing.assert_allclose(ours, exact, atol=1e-5)
-
-
-def test_one_thread_and_two_say_the_same() -> None:
-    said = []
-    for threads in (1, 2):
-        tracker = entrack.load("default", threads=threads)
-        with open_source(assets() / "demo" / "clip.mp4", stop=6) as source:
-            tracker.init(source.first.image, (148, 153, 102, 94))
-            said.append([tracker.update(frame.image).box for frame in source if frame.index])
-    np.testing.assert_allclose(said[0], said[1], atol=1e-3)
 
 
 def test_the_main_job_needs_no_network(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
