@@ -35,6 +35,21 @@ def test_ahead_works_in_advance_but_not_without_limit() -> None:
         assert list(items) == list(range(1, 100))
 
 
+def test_large_things_are_not_made_in_advance_and_do_not_wait() -> None:
+    def weigh(i: int) -> int:
+        return 7680 * 4320 * 3
+
+    made: list[int] = []
+    with closing(ahead(counted(100, made), weigh=weigh)) as items:
+        for count in (1, 2, 3):
+            next(items)
+            assert settled(made) == count
+    seen: list[int] = []
+    with Behind(seen.append, weigh=weigh) as later:
+        later(1)
+        assert seen == [1]
+
+
 def test_ahead_raises_an_error_in_its_place() -> None:
     items, seen = ahead(counted(10, [], fail_at=5), depth=3), []
     with pytest.raises(RuntimeError, match="item 5"):

@@ -81,7 +81,7 @@ def follow(
     Close the generator before the source of its frames.
     """
     begun = False
-    with closing(ahead(frames)) as decoded:
+    with closing(ahead(frames, weigh=_bytes)) as decoded:
         for frame in decoded:
             yield (
                 frame,
@@ -99,6 +99,10 @@ def begin(tracker: ManyTracker, frame: Frame, boxes: Sequence[ArrayLike]) -> lis
     return [Estimate(box, 1.0, False, None, None, search=box, ms=ms) for box in given]
 
 
+def _bytes(frame: Frame) -> int:
+    return frame.image.nbytes
+
+
 class Recorder:
     """Write boxes and an annotated video in a thread behind the tracker.
 
@@ -112,7 +116,9 @@ class Recorder:
         with ExitStack() as stack:
             self._boxes = stack.enter_context(BoxWriter(boxes, objects)) if boxes else None
             self._video = stack.enter_context(VideoWriter(video, fps)) if video else None
-            self.write = stack.enter_context(Behind(self._write))  # last in, so emptied first
+            self.write = stack.enter_context(  # last in, so emptied first
+                Behind(self._write, weigh=lambda frame, estimates: _bytes(frame))
+            )
             """Add a frame and its estimates."""
             self._end = stack.pop_all()
         self._ms: float | None = None

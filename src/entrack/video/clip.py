@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, cast
 
 from entrack.datasets.frames import any_alphabet
 from entrack.errors import EntrackError
-from entrack.video.decoding import PIXELS, frame_rate, pictures, upright
+from entrack.video.decoding import PIXELS, frame_rate, on_threads, pictures, upright
 from entrack.video.source import Frame
 
 if TYPE_CHECKING:
@@ -101,7 +101,7 @@ class Clip:
 
         with self._open() as container:
             stream = container.streams.video[0]
-            stream.thread_type, stream.codec_context.thread_count = "FRAME", 2
+            on_threads(stream)
             if index and self._stamps:
                 container.seek(self._stamps[index], stream=stream)
             try:

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
 PIXELS = 8192 * 4320
 """Of the largest video."""
+_LARGE = 4096 * 2304
 _SLACK = 0.5  # seconds that a whole video may lack of the length in its header
 _NETWORK_WAIT = 10.0  # seconds until a silent server is given up
 
@@ -56,6 +57,12 @@ def open_video(name: str, address: str, start: int, stop: int | None) -> Source:
     return Source(name, _decode(name, container, start), fps, length, start, stop)
 
 
+def on_threads(stream: "VideoStream") -> None:
+    """Decode two pictures at a time, or large ones one by one: each thread holds some of them."""
+    large = stream.width * stream.height > _LARGE
+    stream.thread_type, stream.codec_context.thread_count = "FRAME", 1 if large else 2
+
+
 def frame_rate(stream: "VideoStream") -> float:
     """Frames a second, on average; 25 where the file does not say."""
     return float(stream.average_rate or stream.guessed_rate or 25)
@@ -79,7 +86,7 @@ def _decode(name: str, container: "InputContainer", start: int) -> Generator[Fra
     from av.error import FFmpegError
 
     stream = container.streams.video[0]
-    stream.thread_type, stream.codec_context.thread_count = "FRAME", 2
+    on_threads(stream)
     fps, promised = frame_rate(stream), _promised_seconds(stream)
     index, zero, end, cut = 0, None, 0.0, False
     with container:

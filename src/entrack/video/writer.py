@@ -26,16 +26,17 @@ _FRAGMENTS = {
     "frag_duration": "1000000",
     "flush_packets": "1",
 }
+_LONGEST, _PIXELS = 4096, 4096 * 2304  # of H.264 that browsers play
 _INDEXED = {"movflags": "faststart"}
 
 
 class VideoWriter:
     """Write frames with their times; use it in a `with` block or close it.
 
-    The video has the size of the first frame, made even by repeating its last row or column. A
-    later frame of another size is fitted into it, with black bars. Until it is closed the file is
-    called `<path>.part`. It is closed, whole and playable, when the block ends by an error, too,
-    even by a full disk. Without a single frame no file is made.
+    The video has the size of the first frame, made even by repeating its last row or column, and
+    of 4096 × 2304 pixels at most. A later frame of another size is fitted into it, with black bars.
+    Until it is closed the file is called `<path>.part`. It is closed, whole and playable, when the
+    block ends by an error, too, even by a full disk. Without a single frame no file is made.
 
     Parameters
     ----------
@@ -84,7 +85,9 @@ class VideoWriter:
     def _new_stream(self, image: Image) -> "VideoStream":
         rate = Fraction(self._fps).limit_denominator(1001)
         stream = self._file.add_stream("libx264", rate=rate, options=_ENCODER)
-        stream.height, stream.width = (side + side % 2 for side in image.shape[:2])
+        height, width = image.shape[:2]
+        scale = min(1.0, _LONGEST / max(height, width), (_PIXELS / (height * width)) ** 0.5)
+        stream.height, stream.width = (round(scale * s / 2 + 0.25) * 2 for s in (height, width))
         stream.pix_fmt = "yuv420p"
         context = stream.codec_context
         context.time_base = _TICK
