@@ -10,9 +10,11 @@ video.
 
 import asyncio
 import base64
+import os
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 from collections.abc import Generator
 from contextlib import contextmanager
@@ -120,12 +122,18 @@ def _enabled(visitor: Visitor, test: Any) -> bool:
 
 
 @contextmanager
-def served(*options: str) -> Generator[tuple[str, int], None, None]:
+def served(*options: str, **variables: str) -> Generator[tuple[str, int], None, None]:
     """Run `entrack serve`; yield its address and its process."""
     call = [sys.executable, "-m", "entrack", "serve", "--no-show", "--port", "0", *options]
-    with subprocess.Popen(call, stderr=subprocess.PIPE, text=True) as process:
+    # NiceGUI changes what it does where it sees pytest's variables.
+    clean = {k: v for k, v in os.environ.items() if not k.startswith(("PYTEST", "NICEGUI"))}
+    with subprocess.Popen(
+        call, stderr=subprocess.PIPE, text=True, env={**clean, **variables}
+    ) as process:
         assert process.stderr is not None
         said = process.stderr.readline()
+        # Who does not read what it says holds it up.
+        threading.Thread(target=process.stderr.read, daemon=True).start()
         try:
             yield next(word for word in said.split() if word.startswith("http")), process.pid
         finally:

@@ -175,7 +175,7 @@ class Visitor:
 
     async def upload(self, name: str, content: bytes) -> int:
         """Send a file; return the status of the answer."""
-        form = aiohttp.FormData()
+        form = aiohttp.FormData(quote_fields=False)
         form.add_field("file", content, filename=name, content_type="video/mp4")
         async with self._http.post(self.upload_address, data=form) as answer:
             await answer.read()
