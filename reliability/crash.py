@@ -13,6 +13,7 @@ import random
 import signal
 import sys
 import tempfile
+import time
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -35,13 +36,13 @@ def crash(name: str, good: Good, kills: int, place: Path, seed: int = 0) -> Kill
     """Kill one command so often, writing below `place`."""
     rng = random.Random(f"{name} {seed}")
     wrong: list[str] = []
-    killed = amid = ends = 0
+    took, killed, amid, ends = good.seconds, 0, 0, 0
     while killed < kills or not ends:
         out = place / f"out{ends}"
         out.mkdir(exist_ok=True)
-        process = good.start(out)
+        began, process = time.monotonic(), good.start(out)
         # In one call of four it may come to its end.
-        process.join(rng.uniform(0, 1.3) * good.seconds if killed < kills else None)
+        process.join(rng.uniform(0, 1.3) * took if killed < kills else None)
         if process.exitcode is None:
             (os.kill if rng.random() < 0.5 else os.killpg)(process.pid or 0, signal.SIGKILL)
             process.join()
@@ -50,6 +51,7 @@ def crash(name: str, good: Good, kills: int, place: Path, seed: int = 0) -> Kill
             wrong += [f"{name}, kill {killed}: {sentence}" for sentence in good.amid(out)]
             continue
         ends += 1
+        took += 0.3 * (time.monotonic() - began - took)  # other programs come and go
         if process.exitcode:
             wrong.append(f"{name} after {killed} kills ends with {process.exitcode}: {good.said}")
         wrong += [f"{name} after {killed} kills: {sentence}" for sentence in good.after(out)]
@@ -74,7 +76,9 @@ def main() -> int:
                 f"{found.killed} kills ({found.amid} amid writing), {found.ends} ends, "
                 f"{good.seconds:.1f} s a run"
             )
-            print(f"  {name}: {figures[name]}, {len(found.wrong)} faults", file=sys.stderr)
+            print(
+                f"  {name}: {figures[name]}, {len(found.wrong)} faults", file=sys.stderr, flush=True
+            )
             wrong += found.wrong
     return tell("crash", figures, wrong, given.out)
 
