@@ -4,6 +4,7 @@ from collections import deque
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import asdict, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -130,9 +131,8 @@ class Training:
         self.f1 = ConditionedF1(inputs, width=width)
         self.actor = AttentionActor(width, self.reach, c.tracker.window.size // 16)
         if c.warm:
-            bank = load_bank(chunks)
             warm_start(
-                self.f1, self.actor, bank, c.warm, self.run, c.seed,
+                self.f1, self.actor, partial(load_bank, chunks), c.warm, self.run, c.seed,
                 lambda step, steps, values: self.report("warm start", step, steps, values),
             )  # fmt: skip
 

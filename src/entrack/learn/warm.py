@@ -102,7 +102,7 @@ def look(
 def warm_start(
     f1: ConditionedF1,
     actor: AttentionActor,
-    bank: Bank,
+    load: Callable[[], Bank],
     config: WarmConfig,
     run: Path,
     seed: int,
@@ -110,13 +110,16 @@ def warm_start(
 ) -> None:
     """Train f1 and the head in place, from `run/warm.safetensors` on where that exists.
 
-    One row in twenty is kept for checking.
+    One row in twenty of the bank is kept for checking. `load` is not called where all is learned:
+    a bank takes gigabytes.
     """
     both = nn.ModuleList([f1, actor])
     optimiser = torch.optim.AdamW(both.parameters(), config.lr, weight_decay=config.weight_decay)
     state = run / "warm.safetensors"
     first = checkpoint.load(state, both, optimiser) if state.exists() else 0
-    log = checkpoint.Log(run, "warm", first)
+    if first >= config.steps:
+        return
+    log, bank = checkpoint.Log(run, "warm", first), load()
     every = np.arange(len(bank["box"]))
     train, check = every[every % 20 != 0], every[every % 20 == 0][:1000]
     sums: list[tuple[float, float]] = []
