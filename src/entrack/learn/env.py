@@ -17,7 +17,7 @@ from pydantic.dataclasses import dataclass
 from entrack.box import Boxes, area, centre, clip, from_centre, iou, to_corners
 from entrack.datasets.sequence import Sequence
 from entrack.errors import EntrackError
-from entrack.learn.replay import Episode
+from entrack.learn.episode import Episode
 from entrack.state import State
 from entrack.tracker import Tracker
 

@@ -15,7 +15,7 @@ from entrack.config import Config, PolicyConfig
 from entrack.datasets.sequence import Sequence
 from entrack.files import unfinished
 from entrack.learn.env import EpisodeConfig, play
-from entrack.learn.replay import Episode
+from entrack.learn.episode import Episode
 from entrack.learn.store import kept
 from entrack.policy import Policy, load_policy
 from entrack.tracker import Tracker

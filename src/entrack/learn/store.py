@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable
 from pathlib import Path
+from typing import IO
 
 import numpy as np
 
@@ -20,31 +21,45 @@ def keep(folder: Path, sequence: Sequence) -> int:
     if path.exists():
         return int(np.load(path)["bad"])
     folder.mkdir(parents=True, exist_ok=True)
-    good: list[int] = []
-    target: np.memmap | None = None  # type: ignore[type-arg]
     pictures = unfinished(path.with_suffix(".npy"))
-    for index in range(len(sequence)):
-        try:
-            frame = sequence.frames[index]
-        except EntrackError:
-            continue
-        if target is None:
-            target = np.lib.format.open_memmap(
-                pictures, "w+", np.uint8, (len(sequence), *frame.shape)
-            )
-        if frame.shape != target.shape[1:]:
-            continue
-        target[len(good)] = frame
-        good.append(index)
-    if target is None:
-        raise EntrackError(f"{sequence.name} has no frame that can be read")
-    target.flush()
+    with pictures.open("wb") as file:
+        good = _write_frames(file, sequence)
     bad = len(sequence) - len(good)
     with unfinished(path).open("wb") as file:
         np.savez(file, boxes=sequence.boxes[good], absent=sequence.absent[good], bad=bad)
     pictures.replace(path.with_suffix(".npy"))
     unfinished(path).replace(path)
     return bad
+
+
+def _write_frames(file: IO[bytes], sequence: Sequence) -> list[int]:
+    """Write what `np.load` reads as frames (T, H, W, 3); return which frames they are.
+
+    With plain writes: where the disk is full, they fail, but a mapped file ends the program.
+    """
+    good: list[int] = []
+    shape: tuple[int, ...] = ()
+    for index in range(len(sequence)):
+        try:
+            frame = sequence.frames[index]
+        except EntrackError:
+            continue
+        if not good:
+            shape = frame.shape
+            _write_header(file, (len(sequence), *shape))
+        if frame.shape == shape:
+            file.write(frame.tobytes())
+            good.append(index)
+    if not good:
+        raise EntrackError(f"{sequence.name} has no frame that can be read")
+    file.seek(0)
+    _write_header(file, (len(good), *shape))  # as long as before: numpy leaves room to grow
+    return good
+
+
+def _write_header(file: IO[bytes], shape: tuple[int, ...]) -> None:
+    about = {"descr": "|u1", "fortran_order": False, "shape": shape}
+    np.lib.format.write_array_header_1_0(file, about)
 
 
 def kept(folder: Path, names: Iterable[str]) -> list[Sequence]:
