@@ -45,6 +45,8 @@ class Plan:
     """Datasets that cells are scored on, each `"FORMAT:DIR"`; by default 60 frames of each of the
     validation clips."""
     seeds: int = 3
+    one_start: bool = False
+    """All seeds go on from the looks and the warm start of the first."""
     only: tuple[str, ...] = ()
     """Some of the cells."""
 
@@ -55,8 +57,9 @@ class Plan:
             if name not in grid:
                 raise EntrackError(f"{self.grid} has no cell {name!r}: it has {', '.join(grid)}")
         wanted = [(name, c) for name, c in grid.items() if not self.only or name in self.only]
+        start = self.base.seed if self.one_start else None
         return [
-            (name, seed, replace(config, seed=config.seed + seed))
+            (name, seed, replace(config, seed=config.seed + seed, start_seed=start))
             for seed in range(self.seeds)
             for name, config in wanted
         ]
@@ -78,6 +81,7 @@ def ablate(
     asked = {
         "grid": plan.grid, "base": asdict(plan.base), "model": plan.model.checksum,
         "data": list(plan.source.data), "tests": list(plan.tests),
+        "one start": plan.one_start,
     }  # fmt: skip
     checkpoint.claim(out, asked, resume)
     left_out: dict[str, str] = {}
@@ -164,7 +168,7 @@ def _shared(out: Path, config: TrainConfig) -> Path:
     tracker, policy = config.tracker, config.tracker.policy
     parts: list[Any] = [config.data, config.bank, config.warm, tracker.window, tracker.filter]
     known = [asdict(part) if part else None for part in parts]
-    text = json.dumps([*known, policy.reach if policy else None, config.seed])
+    text = json.dumps([*known, policy.reach if policy else None, config.first_seed])
     return out / "shared" / hashlib.sha256(text.encode()).hexdigest()[:12]
 
 
