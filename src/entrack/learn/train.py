@@ -131,7 +131,8 @@ class Training:
         self.f1 = ConditionedF1(inputs, width=width)
         self.actor = AttentionActor(width, self.reach, c.tracker.window.size // 16)
         if c.warm:
-            bank = load_bank(chunks)
+            done = checkpoint.steps(self.run / "warm.safetensors") == c.warm.steps
+            bank = load_bank(chunks[:1] if done else chunks)  # gigabytes, and no longer needed
             warm_start(
                 self.f1, self.actor, bank, c.warm, self.run, c.first_seed,
                 lambda step, steps, values: self.report("warm start", step, steps, values),
