@@ -35,7 +35,7 @@ def steps(path: Path) -> int:
     if not path.exists():
         return 0
     with safe_open(path, "np") as file:  # pyright: ignore[reportUnknownVariableType]
-        return int(file.get_tensor("step"))  # pyright: ignore[reportUnknownMemberType]
+        return int(file.get_tensor("step"))  # pyright: ignore
 
 
 def load(path: Path, network: nn.Module, optimisers: Optimisers) -> int:
