@@ -4,7 +4,8 @@ python benchmarks/training.py --data folder:CLIPS [--workers 2] [--set KEY=VALUE
 
 The preset `train-default` with next to no warm start, and episodes that are not ended when the
 target is lost, so that they are as long as those of a policy that has learned to follow. The first
-two rounds are not counted: in them, workers start and open what they need.
+two rounds are not counted: in them, workers start and open what they need. Processor time, of all
+processes together (Linux), says what the machine could do where other programs take turns with it.
 """
 
 import argparse
@@ -25,6 +26,25 @@ SHORT = {
 }  # fmt: skip
 
 
+def processor_seconds() -> float:
+    """Processor time of this process and of all that it started, directly or not."""
+    parents: dict[int, int] = {}
+    seconds: dict[int, float] = {}
+    for path in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            fields = path.read_text().rpartition(") ")[2].split()
+        except OSError:
+            continue  # it has just ended
+        pid = int(path.parent.name)
+        parents[pid] = int(fields[1])
+        seconds[pid] = sum(map(int, fields[11:13])) / os.sysconf("SC_CLK_TCK")
+
+    def ours(pid: int) -> bool:
+        return pid == os.getpid() or (pid in parents and ours(parents[pid]))
+
+    return sum(spent for pid, spent in seconds.items() if ours(pid))
+
+
 def main() -> None:
     """Train, and print what it took."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -36,11 +56,11 @@ def main() -> None:
     given = parser.parse_args()
     asked = {k: json.loads(v) for k, v in (word.split("=", 1) for word in given.set)}
     config = changed(preset(given.config), SHORT | {"rounds": given.rounds} | asked)
-    ends: list[float] = []
+    ends: list[tuple[float, float]] = []
 
     def report(stage: str, step: int, steps: int, values: dict[str, float]) -> None:
         if stage == "policy":
-            ends.append(time.perf_counter())
+            ends.append((time.perf_counter(), processor_seconds()))
 
     with tempfile.TemporaryDirectory() as folder:
         source = Source(tuple(given.data))
@@ -48,10 +68,11 @@ def main() -> None:
         Training(config, load_model("cf"), source, run, given.workers, report=report)()
         rows = list(csv.DictReader((run / "sac.csv").open()))
     steps = [float(row["steps"]) * config.episodes for row in rows]
-    seconds = ends[-1] - ends[1]
+    seconds, busy = (last - first for last, first in zip(ends[-1], ends[1], strict=True))
     counted = sum(steps[2:])
     updates = f"{config.updates * len(steps[2:])} updates of {config.sac.batch} states"
     print(f"{counted:.0f} steps, {updates} in {seconds:.1f} s: {counted / seconds:.1f} steps/s")
+    print(f"processor time {busy:.1f} s: {1000 * busy / counted:.2f} ms a step")
     print(
         f"workers {given.workers}, threads of the learner {config.threads}, load {os.getloadavg()}"
     )

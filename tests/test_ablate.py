@@ -13,7 +13,7 @@ pytest.importorskip("gymnasium")
 pytest.importorskip("matplotlib")
 
 from entrack.cli.app import main
-from entrack.learn.ablate import read_scores
+from entrack.learn.ablate import read_curves, read_scores
 from entrack.learn.grids import GRIDS, cells, changed, scaled
 from entrack.learn.train import preset
 from entrack.report.ablation import bootstrap, summarise
@@ -99,7 +99,7 @@ def test_a_grid_is_trained_scored_and_resumed(
     config.write_text(TINY)
     out = tmp_path / "out"
     words = ["ablate", "alpha", "--config", str(config), "--data", f"folder:{clips}"]
-    words += ["--out", str(out), "--workers", "1", "--scale", "0.5"]
+    words += ["--out", str(out), "--workers", "1"]
     assert main([*words, "--cell", "0", "--seeds", "1"]) == 0
     assert {name: list(seeds) for name, seeds in read_scores(out).items()} == {"0": [0]}
     before = (out / "cells" / "0" / "seed-0" / "score.json").stat().st_mtime_ns
@@ -118,6 +118,8 @@ def test_a_grid_is_trained_scored_and_resumed(
     assert "no two frames" in said.err  # the clip that never shows its target
     for ending in "md", "csv", "tex", "svg", "png":
         assert (out / f"ablation.{ending}").stat().st_size > 100
+    assert [list(seeds[0]) for seeds in read_curves(out).values()] == [[0, 1], [0, 1]]
+    assert (out / "curves.png").stat().st_size > 100
     capsys.readouterr()
     assert main([*words, "--config", "paper", "--resume"]) == 1
     assert "another configuration" in capsys.readouterr().err

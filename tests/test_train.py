@@ -15,7 +15,7 @@ pytest.importorskip("torch")
 pytest.importorskip("gymnasium")
 
 from entrack.cli.app import main
-from entrack.learn.store import keep, kept
+from entrack.learn.store import bad_frames, keep, kept
 from entrack.learn.train import Source, Training, preset
 from entrack.video import VideoWriter
 
@@ -145,7 +145,8 @@ def test_frames_that_cannot_be_read_are_left_out_and_counted(tmp_path: Path):
     paths[2].write_bytes(b"no picture")
     boxes = np.arange(16.0).reshape(4, 4)
     assert keep(tmp_path / "store", Sequence("s", ImageFiles(paths), boxes)) == 1
-    assert keep(tmp_path / "store", Sequence("s", ImageFiles(paths), boxes)) == 1  # from disk
+    assert bad_frames(tmp_path / "store", "s") == 1
+    assert bad_frames(tmp_path / "store", "another") is None
     [sequence] = kept(tmp_path / "store", ["s"])
     np.testing.assert_array_equal(sequence.boxes, boxes[[0, 1, 3]])
     assert [int(sequence.frames[k][0, 0, 0]) for k in range(3)] == [0, 1, 3]

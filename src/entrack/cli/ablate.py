@@ -41,6 +41,10 @@ def ablate(
         typer.Option(min=0.0001, max=1, help="Share of the rounds, looks and steps of a cell."),
     ] = 1.0,
     seeds: Annotated[int, typer.Option(min=1, help="Runs of each cell.")] = 3,
+    one_start: Annotated[
+        bool,
+        typer.Option("--one-start", help="All seeds go on from one warm start: cheaper."),
+    ] = False,
     cell: Annotated[
         list[str] | None, typer.Option(metavar="CELL...", help="Only these cells.")
     ] = None,
@@ -81,7 +85,9 @@ def ablate(
         base = scaled(preset(config), scale)
         source = Source(tuple(data), stills, cutouts)
         wanted = tuple(cell or ())
-        plan = Plan(name, base, load_model(model), source, tuple(test or ()), seeds, wanted)
+        plan = Plan(
+            name, base, load_model(model), source, tuple(test or ()), seeds, one_start, wanted
+        )
         plan.runs()
     try:
         with writing(out), stages() as report:

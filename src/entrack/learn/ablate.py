@@ -6,10 +6,11 @@ OUT/cells/<cell>/seed-<k>/run/      the run, as `entrack train` writes it
 OUT/cells/<cell>/seed-<k>/score.json   numbers by dataset and sequence; the cell is done
 """
 
+import csv
 import hashlib
 import json
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Generator
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -45,6 +46,8 @@ class Plan:
     """Datasets that cells are scored on, each `"FORMAT:DIR"`; by default 60 frames of each of the
     validation clips."""
     seeds: int = 3
+    one_start: bool = False
+    """All seeds go on from the looks and the warm start of the first."""
     only: tuple[str, ...] = ()
     """Some of the cells."""
 
@@ -55,8 +58,9 @@ class Plan:
             if name not in grid:
                 raise EntrackError(f"{self.grid} has no cell {name!r}: it has {', '.join(grid)}")
         wanted = [(name, c) for name, c in grid.items() if not self.only or name in self.only]
+        start = self.base.seed if self.one_start else None
         return [
-            (name, seed, replace(config, seed=config.seed + seed))
+            (name, seed, replace(config, seed=config.seed + seed, start_seed=start))
             for seed in range(self.seeds)
             for name, config in wanted
         ]
@@ -78,6 +82,7 @@ def ablate(
     asked = {
         "grid": plan.grid, "base": asdict(plan.base), "model": plan.model.checksum,
         "data": list(plan.source.data), "tests": list(plan.tests),
+        "one start": plan.one_start,
     }  # fmt: skip
     checkpoint.claim(out, asked, resume)
     left_out: dict[str, str] = {}
@@ -104,16 +109,39 @@ def ablate(
 def read_scores(out: Path) -> dict[str, dict[int, Numbers]]:
     """Numbers of all cells that are done, by cell and seed."""
     found: dict[str, dict[int, Numbers]] = {}
-    for path in sorted((out / "cells").glob("*/seed-*/score.json")):
-        name = (path.parent.parent / "name.txt").read_text(encoding="utf-8")
-        seed = int(path.parent.name.removeprefix("seed-"))
-        found.setdefault(name, {})[seed] = json.loads(path.read_text())
+    for name, seed, folder in _done(out):
+        found.setdefault(name, {})[seed] = json.loads((folder / "score.json").read_text())
     return found
 
 
+def read_curves(out: Path) -> dict[str, dict[int, dict[int, float]]]:
+    """Overlap on the validation clips by cell, seed and rounds learned, where it was looked at."""
+    found: dict[str, dict[int, dict[int, float]]] = {}
+    for name, seed, folder in _done(out):
+        path = folder / "run" / "sac.csv"
+        if not path.exists():
+            continue
+        with path.open(newline="") as file:
+            rows = [(int(r["step"]), float(r["iou_validation"])) for r in csv.DictReader(file)]
+        seen = {step - 1: value for step, value in rows if np.isfinite(value)}
+        if seen:
+            found.setdefault(name, {})[seed] = seen
+    return found
+
+
+def _done(out: Path) -> Generator[tuple[str, int, Path]]:
+    """Cell, seed and folder of all that is done."""
+    for path in sorted((out / "cells").glob("*/seed-*/score.json")):
+        name = (path.parent.parent / "name.txt").read_text(encoding="utf-8")
+        yield name, int(path.parent.name.removeprefix("seed-")), path.parent
+
+
 def write_tables(grid: str, out: Path) -> list[str]:
-    """Write table and plot of each dataset to `OUT/ablation*`; return the tables as Markdown."""
-    from entrack.report.ablation import write_ablation  # matplotlib is an extra
+    """Write table and plot of each dataset to `OUT/ablation*`, and `OUT/curves`.
+
+    Returns the tables as Markdown.
+    """
+    from entrack.report.ablation import write_ablation, write_curves  # matplotlib is an extra
     from entrack.report.formats import markdown
 
     found, known = read_scores(out), GRIDS[grid]
@@ -130,6 +158,7 @@ def write_tables(grid: str, out: Path) -> list[str]:
             known.published, path,
         )  # fmt: skip
         texts.append(markdown(table))
+    write_curves(known.title, read_curves(out), list(known.cells), out / "curves")
     return texts
 
 
@@ -164,7 +193,7 @@ def _shared(out: Path, config: TrainConfig) -> Path:
     tracker, policy = config.tracker, config.tracker.policy
     parts: list[Any] = [config.data, config.bank, config.warm, tracker.window, tracker.filter]
     known = [asdict(part) if part else None for part in parts]
-    text = json.dumps([*known, policy.reach if policy else None, config.seed])
+    text = json.dumps([*known, policy.reach if policy else None, config.first_seed])
     return out / "shared" / hashlib.sha256(text.encode()).hexdigest()[:12]
 
 

@@ -56,6 +56,8 @@ class TrainConfig:
     name: str = "default"
     seed: int = Field(default=0, ge=0)
     """The same seed gives the same model on the same machine."""
+    start_seed: int | None = Field(default=None, ge=0)
+    """Seed of the looks and the warm start; None takes `seed`."""
     threads: int = Field(default=2, ge=1)
     """Of the learner."""
     data: DataConfig = Field(default_factory=DataConfig)
@@ -84,3 +86,8 @@ class TrainConfig:
     """Rounds in which the policy stays as it is, until the critic knows something."""
     check_every: int = Field(default=10, ge=1)
     """Rounds between two looks at the validation clips."""
+
+    @property
+    def first_seed(self) -> int:
+        """Seed of the looks and the warm start."""
+        return self.seed if self.start_seed is None else self.start_seed

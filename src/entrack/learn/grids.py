@@ -88,7 +88,7 @@ GRIDS: dict[str, Grid] = {
         {
             "as configured": {},
             "no training": {"rounds": 0},
-            "critic of two layers": {"sac.hidden": (128, 128)},
+            "critic of two layers": {"sac.hidden": (64, 64)},
             "μ and σ of [z, m]": {"joint": True},
             "reward is the IoU": {"episode.tau": 0.0, "episode.miss": 0.0},
             "buffer is kept": {"fresh": False},

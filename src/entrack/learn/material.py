@@ -13,7 +13,7 @@ from entrack.datasets.synthetic import Props, sample, synthesise
 from entrack.errors import EntrackError
 from entrack.learn.config import DataConfig
 from entrack.learn.env import usable
-from entrack.learn.store import keep
+from entrack.learn.store import bad_frames, keep
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ def gather(
     failed: dict[str, str],
     report: Callable[[int, int], None] = lambda step, steps: None,
 ) -> Names:
-    """Put all clips into `folder`.
+    """Put all clips into `folder`, but those that are there.
 
     Clips that cannot be used, or not whole, are noted in `failed` with the reason.
 
@@ -56,10 +56,12 @@ def gather(
     clips = list(_makers(source, config))
     for step, (name, make) in enumerate(clips, 1):
         try:
-            sequence = make()
-            if not usable(sequence):
-                raise EntrackError("no two frames on end show the target with a box")
-            bad = keep(folder, replace(sequence, name=name))
+            bad = bad_frames(folder, name)
+            if bad is None:
+                sequence = make()
+                if not usable(sequence):
+                    raise EntrackError("no two frames on end show the target with a box")
+                bad = keep(folder, replace(sequence, name=name))
             if bad:
                 failed[name] = f"{bad} of its frames could not be used"
             names.append(name)

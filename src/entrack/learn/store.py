@@ -11,15 +11,22 @@ from entrack.errors import EntrackError
 from entrack.files import unfinished
 
 
+def bad_frames(folder: Path, name: str) -> int | None:
+    """How many frames `keep` left out of a sequence; None if it has not been kept."""
+    path = folder / f"{name}.npz"
+    if not path.exists():
+        return None
+    with np.load(path) as table:
+        return int(table["bad"])
+
+
 def keep(folder: Path, sequence: Sequence) -> int:
-    """Write a sequence's frames, boxes and flags, unless they are there; return bad frames.
+    """Write a sequence's frames, boxes and flags; return how many frames are bad.
 
     A frame that cannot be read is left out with its box. A sequence without a readable frame is an
     error, and so are frames of several sizes.
     """
     path = folder / f"{sequence.name}.npz"
-    if path.exists():
-        return int(np.load(path)["bad"])
     folder.mkdir(parents=True, exist_ok=True)
     pictures = unfinished(path.with_suffix(".npy"))
     with pictures.open("wb") as file:

@@ -81,7 +81,6 @@ class Training:
             )
         checkpoint.claim(run, asdict(config), resume)
         torch.set_num_threads(config.threads)
-        torch.manual_seed(config.seed)
         self.config, self.base, self.source, self.run = config, base, source, run
         self.workers, self.report, self.cluster = workers, report, cluster
         self.reach = config.tracker.policy.reach
@@ -101,10 +100,12 @@ class Training:
             lambda step, steps: self.report("clips", step, steps, {}),
         )  # fmt: skip
         assert self.config.tracker.policy is not None
+        torch.manual_seed(self.config.first_seed)
         if self.config.tracker.policy.f1 == "conditioned":
             self._warm()
         else:
             self.actor = LinearActor(self.reach, joint=self.config.joint)
+        torch.manual_seed(self.config.seed)
         self.learner = learner(self.actor, self.config.sac)
         self._learn()
         return self._ship()
@@ -117,7 +118,7 @@ class Training:
         chunks = [
             Chunk(
                 index, self.run / "bank", self.run / "clips", self.names, self.made,
-                self.source.stills, self.base.trunk, c.tracker, c.bank, c.seed,
+                self.source.stills, self.base.trunk, c.tracker, c.bank, c.first_seed,
             )
             for index in range(-(-c.bank.looks // CHUNK))
         ]  # fmt: skip
@@ -132,7 +133,7 @@ class Training:
         self.actor = AttentionActor(width, self.reach, c.tracker.window.size // 16)
         if c.warm:
             warm_start(
-                self.f1, self.actor, partial(load_bank, chunks), c.warm, self.run, c.seed,
+                self.f1, self.actor, partial(load_bank, chunks), c.warm, self.run, c.first_seed,
                 lambda step, steps, values: self.report("warm start", step, steps, values),
             )  # fmt: skip
 

@@ -1,6 +1,6 @@
-"""A table and a plot of an ablation: cells with several seeds, paired over seeds and sequences."""
+"""Table and plots of an ablation: cells with several seeds, paired over seeds and sequences."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from entrack.files import write_bytes
 from entrack.report import formats, plots
 from entrack.report.figures import rendered
+from entrack.report.style import styles
 from entrack.report.table import Cell, Column, Line, Table
 
 Floats = NDArray[np.float64]
@@ -19,6 +20,9 @@ DRAWS = 10_000
 
 ByCell = Mapping[str, Mapping[int, Mapping[str, float]]]
 """A number by cell, seed and sequence."""
+
+ByRound = Mapping[str, Mapping[int, Mapping[int, float]]]
+"""A number by cell, seed and round."""
 
 
 @dataclass(frozen=True)
@@ -112,11 +116,31 @@ def write_ablation(
     table = Table(path.name, f"{title}.", tuple(columns), tuple(lines), note)
     for ending, text in formats.texts(table).items():
         write_bytes(path.with_name(f"{path.name}.{ending}"), text.encode())
+    _write(path, lambda: _plot(f"{title}\n{dataset}", found, published))
+    return table
+
+
+def write_curves(title: str, overlap: ByRound, names: Sequence[str], path: Path) -> None:
+    """Write `path`.svg and .png: how each cell's overlap went, as the mean of its seeds."""
+    measured = [name for name in names if name in overlap]
+    looks = styles(list(names))
+    lines: list[plots.Curve] = []
+    for name in measured:
+        seeds = list(overlap[name].values())
+        rounds = sorted(set(seeds[0]).intersection(*seeds[1:]))
+        means = np.array([[seed[k] for k in rounds] for seed in seeds]).mean(axis=0)
+        lines.append(plots.Curve(name, looks[name], means, means[-1], np.array(rounds, np.float64)))
+    last = max((line.x[-1] for line in lines if line.x is not None), default=0)
+    if last > 0:
+        x, labels = np.array([0.0, last]), ("rounds", "mean IoU, validation clips")
+        _write(path, lambda: plots.curves(lines, x, title, labels, top=None))
+
+
+def _write(path: Path, draw: Callable[[], Figure]) -> None:
     with matplotlib.rc_context(plots.RC):
-        svg, png = rendered(_plot(f"{title}\n{dataset}", found, published))
+        svg, png = rendered(draw())
     write_bytes(path.with_name(f"{path.name}.svg"), svg.encode())
     write_bytes(path.with_name(f"{path.name}.png"), png)
-    return table
 
 
 def _plot(title: str, found: Sequence[Summary], published: Mapping[str, float]) -> Figure:

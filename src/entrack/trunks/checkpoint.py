@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import torch
+from safetensors import safe_open  # pyright: ignore[reportUnknownVariableType]
 from safetensors.torch import load_file  # pyright: ignore[reportUnknownVariableType]
 from safetensors.torch import save as in_bytes
 from torch import Tensor, nn
@@ -27,6 +28,14 @@ def save(path: Path, network: nn.Module, optimisers: Optimisers, step: int) -> N
     # No two tensors may share memory in the file.
     tensors = {name: tensor.clone() for name, tensor in tensors.items()}
     write_bytes(path, in_bytes(tensors))
+
+
+def steps(path: Path) -> int:
+    """How many steps were done when `path` was written; 0 where there is none."""
+    if not path.exists():
+        return 0
+    with safe_open(path, "np") as file:  # pyright: ignore[reportUnknownVariableType]
+        return int(file.get_tensor("step"))  # pyright: ignore
 
 
 def load(path: Path, network: nn.Module, optimisers: Optimisers) -> int:
