@@ -156,6 +156,27 @@ def test_a_box_partly_outside_is_clipped():
     assert iou(box, [0, 80, 20, 40]) > 0.8
 
 
+def test_targets_take_turns_in_looking_at_other_sizes():
+    class Counts(Averages):
+        seen: list[int]
+
+        def __call__(self, patches: np.ndarray) -> np.ndarray:
+            self.seen.append(len(patches))
+            return super().__call__(patches)
+
+    trunk = Counts()
+    config = Config(scale=ScaleConfig(every=3, factor=1.06), update=UpdateConfig(rate=0))
+    t = Tracker(config, trunk)
+    trunk.seen = []
+    t.init_many(scene((100, 80)), [(100, 80, 40, 40), (110, 90, 30, 30)])
+    t.add((105, 85, 35, 35))
+    trunk.seen.clear()
+    for k in range(1, 10):
+        boxes = [e.box for e in t.update_many(scene((100, 80), 40 + k))]
+    assert trunk.seen == [5] * 9  # one of three looks at three sizes
+    assert boxes[0][2] > 42
+
+
 @pytest.mark.parametrize(
     ("change", "passes"),
     [({}, 11), ({"every": 3}, 3), ({"seen": "shifted"}, 0)],  # the last frame's would come later

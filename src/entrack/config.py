@@ -56,6 +56,9 @@ class ScaleConfig:
     between: bool = False
     """The found size is where a parabola through the logarithms of all sizes' responses is highest,
     no further than the outermost size; otherwise the size that answers most, after penalties."""
+    every: int = Field(default=1, ge=1)
+    """Frames from one search to the next; in between, only the last size is looked at, which saves
+    passes of the trunk. Several targets take turns."""
 
 
 @dataclass(frozen=True, config=_STRICT)

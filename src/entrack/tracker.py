@@ -83,6 +83,8 @@ class _Target:
     """The last frame at the new box, of which X' of eq. 14 is made together with the next Z."""
     waited: int = 0
     """Frames since the last such."""
+    turn: int = 0
+    """Frames until other sizes than the last are looked at, see `ScaleConfig.every`."""
 
 
 class _Answer(NamedTuple):
@@ -118,8 +120,7 @@ class Tracker:
         self._label = cf.spectrum(cf.label(cells, sigma))
         self._taper = cf.hann(cells) if config.filter.hann else np.ones((cells, cells), np.float32)
         half = config.scale.steps // 2
-        self._steps = np.arange(-half, half + 1)
-        self._zooms: list[float] = (config.scale.factor ** self._steps.astype(np.float64)).tolist()
+        self._zooms: list[float] = (config.scale.factor ** np.arange(-half, half + 1.0)).tolist()
         self._sizes = np.log(np.array(self._zooms, np.float32))
         self._parabola = cf.parabola(self._sizes)
         self._rng = np.random.default_rng(config.policy.seed if config.policy else 0)
@@ -156,6 +157,8 @@ class Tracker:
             _Target(box, box, x * self._taper, self.fit(x * self._taper))
             for box, x in zip(started, features, strict=True)
         ]
+        for k, target in enumerate(self._targets):
+            target.turn = k % self.config.scale.every
         if self.policy:
             for target, window, x in zip(self._targets, windows_, features, strict=True):
                 roi = window.to_patch(target.box) / window.size
@@ -184,6 +187,7 @@ class Tracker:
             self._follow_size(frame)
         one = copy(self)
         one.init_many(frame, [box])
+        one._targets[0].turn = self._given % self.config.scale.every
         self._targets, self._size = [*self._targets, *one._targets], one._size
         self._frame = frame
         self.ids, self._given = [*self.ids, self._given], self._given + 1
@@ -244,9 +248,10 @@ class Tracker:
             # One by one: the trunk works on those that follow, and arrays of megabytes would be
             # new pages from the system in every frame, which cost more than the arithmetic.
             target.looks = [
-                self._look(target, next(features), patches.popleft(), zoom) for zoom in self._zooms
+                self._look(target, next(features), patches.popleft(), zoom)
+                for zoom in self._zooms_of(target)
             ]
-            target.look = target.looks[len(self._zooms) // 2]
+            target.look = target.looks[len(target.looks) // 2]
             target.state = self._state(target)
             if target.state:
                 target.look = replace(target.look, z=target.state.z)
@@ -257,9 +262,12 @@ class Tracker:
         for target in self._targets:
             if target.unlearned is not None:
                 yield target.unlearned
-            for zoom in self._zooms:
+            for zoom in self._zooms_of(target):
                 kept.append(self._patch(frame, target.box, zoom))
                 yield kept[-1]
+
+    def _zooms_of(self, target: _Target) -> list[float]:
+        return [1.0] if target.turn else self._zooms
 
     def _look(
         self, target: _Target, features: cf.Features, patch: windows.Image, zoom: float
@@ -290,10 +298,10 @@ class Tracker:
     def _follow_peak(self, target: _Target) -> _Answer:
         """Move and resize the box to where the response is highest: the filter alone."""
         config = self.config
-        best = self._best(target)
-        target.look = target.looks[best]
+        target.look = self._best(target)
         peak = cf.peak(target.look.response)
-        window = windows.around(target.box, config.window, self._zooms[best])
+        zoom = target.look.zoom
+        window = windows.around(target.box, config.window, zoom)
         cell = window.box[2:] / target.look.response.shape[-1]
         centre = boxes_.centre(target.box) + np.array([peak.dx, peak.dy]) * cell
         size = target.box[2:] * self._grown(target)
@@ -322,16 +330,19 @@ class Tracker:
         growth = (1 - config.search) * growth + config.search * np.log(self._grown(target))
         return boxes_.from_centre(boxes_.centre(box), target.box[2:] * np.exp(growth))
 
-    def _best(self, target: _Target) -> int:
-        """Which of the sizes that were looked at answers most, after the penalties."""
-        penalties = self.config.scale.penalty ** np.abs(self._steps)
-        return int((_heights(target) * penalties).argmax())
+    def _best(self, target: _Target) -> Look:
+        """The size that answers most of those that were looked at, after the penalties."""
+        half = len(target.looks) // 2
+        penalties = self.config.scale.penalty ** np.abs(np.arange(-half, half + 1))
+        return target.looks[int((_heights(target) * penalties).argmax())]
 
     def _grown(self, target: _Target) -> float:
         """By what factor the size changes, as far as the scale search says."""
         rate = self.config.scale.rate
         if not self.config.scale.between:
-            return 1 + rate * (self._zooms[self._best(target)] - 1)
+            return 1 + rate * (self._best(target).zoom - 1)
+        if len(target.looks) == 1:
+            return 1.0
         top = cf.highest(_heights(target), self._sizes, self._parabola)
         return math.exp(rate * top)
 
@@ -364,6 +375,7 @@ class Tracker:
         learn, window = self.config.update, self.config.window
         due = learn.rate > 0 and target.waited + 1 >= learn.every and score >= learn.min_score
         target.waited, target.unlearned = 0 if due else target.waited + 1, None
+        target.turn = (target.turn - 1) % self.config.scale.every
         if due and learn.seen == "again":
             target.unlearned = self._patch(self._frame, target.box)
         elif due:
