@@ -2,7 +2,8 @@
 
 import shutil
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -11,31 +12,26 @@ import tomli_w
 from numpy.typing import ArrayLike, NDArray
 
 import entrack
-from entrack.box import iou
-from entrack.config import read_toml
+from entrack.box import iou, to_corners
+from entrack.config import Config, Weights, read_toml
 from entrack.datasets import Sequence, open_dataset
 from entrack.errors import EntrackError
 from entrack.evaluation import ope
 from entrack.evaluation import uncertainty as un
 from entrack.files import write_bytes, writing
 from entrack.model import load_model
-from entrack.tracker import Estimate, Look, Tracker
+from entrack.tracker import Tracker
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 _RIDGE = 1e-2  # in units of one frame: keeps weights finite where signals tell all
 _FOLDS = 5
+_ONE_SIGMA = 0.683
+_LEAST_ERROR = 1e-3  # of a box's size: smaller ones are in the annotation
 
 
-def _signal(name: str) -> Callable[[Look, Estimate], float]:
-    return lambda look, _: look.evidence.get(name, 0.0)
-
-
-SIGNALS: Mapping[str, Callable[[Look, Estimate], float]] = {
-    name: _signal(name) for name in ("peak", "psr", "sigma")
-}
-"""What the score is made of: weights of these names are fields of `ScoreConfig`. 0 where a model
-does not have a signal."""
+SIGNALS = tuple(f.name for f in fields(Weights) if f.name != "bias")
+"""What score and σ are made of; 0 where a model does not have a signal."""
 
 
 @dataclass(frozen=True)
@@ -50,6 +46,9 @@ class Sightings:
         (N,) the tracker's own scores.
     overlaps
         (N,) IoU; 0 where the target is absent.
+    errors
+        (N, 4) distance of the four sides from the true ones in units of the box's own size; NaN
+        where the target is absent.
     groups
         (N,) number of the sequence.
     """
@@ -57,7 +56,13 @@ class Sightings:
     signals: Floats
     scores: Floats
     overlaps: Floats
+    errors: Floats
     groups: NDArray[np.int64]
+
+    def __add__(self, other: "Sightings") -> "Sightings":
+        """Both; sequences of the same number are the same."""
+        pairs = [(getattr(self, f.name), getattr(other, f.name)) for f in fields(self)]
+        return Sightings(*(np.concatenate(pair) for pair in pairs))
 
     @property
     def hits(self) -> Flags:
@@ -82,7 +87,9 @@ class Calibration:
     Parameters
     ----------
     weights
-        `bias` and a weight for each signal.
+        `bias` and a weight for each signal, of the score.
+    spread
+        The same of σ.
     share
         Share of frames with IoU > ½.
     before
@@ -93,6 +100,7 @@ class Calibration:
     """
 
     weights: dict[str, float]
+    spread: dict[str, float]
     sequences: int
     frames: int
     share: float
@@ -102,18 +110,17 @@ class Calibration:
 
 def observe(tracker: Tracker, sequences: Iterable[Sequence], most: int | None = None) -> Sightings:
     """Track sequences from their first box on, `most` frames of each."""
-    rows: list[tuple[list[float], float, float, int]] = []
+    rows: list[tuple[list[float], float, float, Floats, int]] = []
     for group, sequence in enumerate(sequences):
         rows += [(*row, group) for row in _observe(tracker, sequence, most)]
     if not rows:
         raise EntrackError("there is nothing to track: no sequence has two frames")
-    signals, scores, overlaps, groups = zip(*rows, strict=True)
-    return Sightings(np.array(signals), np.array(scores), np.array(overlaps), np.array(groups))
+    return Sightings(*(np.array(column) for column in zip(*rows, strict=True)))
 
 
 def _observe(
     tracker: Tracker, sequence: Sequence, most: int | None
-) -> Iterator[tuple[list[float], float, float]]:
+) -> Iterator[tuple[list[float], float, float, Floats]]:
     seen = ope.valid(sequence.boxes) & ~sequence.absent
     if not seen.any():
         return
@@ -124,9 +131,11 @@ def _observe(
         estimate = tracker.update(sequence.frames[t])
         (look,) = tracker.looks
         assert look is not None
-        signals = [signal(look, estimate) for signal in SIGNALS.values()]
-        overlap = float(iou(estimate.box, sequence.boxes[t])) if seen[t] else 0.0
-        yield signals, estimate.score, overlap
+        signals = [look.evidence.get(name, 0.0) for name in SIGNALS]
+        truth = sequence.boxes[t] if seen[t] else np.full(4, np.nan)
+        overlap = float(iou(estimate.box, truth)) if seen[t] else 0.0
+        away = np.abs(to_corners(truth) - to_corners(estimate.box))
+        yield signals, estimate.score, overlap, away / np.tile(estimate.box[2:], 2)
 
 
 def logistic(x: ArrayLike, y: ArrayLike, ridge: float = _RIDGE) -> tuple[Floats, float]:
@@ -160,6 +169,29 @@ def logistic(x: ArrayLike, y: ArrayLike, ridge: float = _RIDGE) -> tuple[Floats,
     return weights, float(w[-1] - weights[used] @ centre[used])
 
 
+def quantile(x: ArrayLike, y: ArrayLike, share: float, ridge: float = 1.0) -> Floats:
+    """Weights (K + 1,), the last of them a bias, below whose line on x (N, K) a share of y lies.
+
+    Quantile regression, by iterated least squares (Hunter and Lange, 2000).
+    """
+    raw, value = np.asarray(x, np.float64), np.asarray(y, np.float64)
+    spread = np.append(raw.std(axis=0), 1.0)
+    used = spread > 1e-12
+    columns = np.column_stack([raw, np.ones(len(raw))])[:, used] / spread[used]
+    penalty = np.diag(np.append(np.full(used.sum() - 1, ridge), 1e-9))
+    w = np.linalg.lstsq(columns, value, rcond=None)[0]
+    for _ in range(200):
+        weight = 1 / (np.abs(value - columns @ w) + 1e-3)
+        left = columns.T @ (columns * weight[:, None]) + penalty
+        right = columns.T @ (weight * value + 2 * share - 1)
+        before, w = w, np.linalg.solve(left, right)
+        if np.abs(w - before).max() < 1e-6:
+            break
+    weights = np.zeros(len(spread))
+    weights[used] = w / spread[used]
+    return weights
+
+
 def _chance(z: Floats) -> Floats:
     return 1 / (1 + np.exp(-np.clip(z, -500, 500)))
 
@@ -180,16 +212,29 @@ def fit(seen: Sightings) -> Calibration:
             "is both held and lost"
         )
     weights, bias = logistic(seen.signals, hits)
-    named = {"bias": bias, **dict(zip(SIGNALS, weights.tolist(), strict=True))}
-    count = len(np.unique(seen.groups))
+    many = len(np.unique(seen.groups))
     return Calibration(
-        {name: round(value, 4) for name, value in named.items()},
-        count,
+        _named(np.append(weights, bias)),
+        fit_spread(seen),
+        many,
         len(hits),
         float(hits.mean()),
         quality(seen.scores, seen.overlaps),
-        quality(_left_out(seen), seen.overlaps) if count > 1 else None,
+        quality(_left_out(seen), seen.overlaps) if many > 1 else None,
     )
+
+
+def fit_spread(seen: Sightings) -> dict[str, float]:
+    """Weights of log σ, below which lie 68 % of the distances of sides from the true ones."""
+    known = np.isfinite(seen.errors).all(axis=1)
+    error = np.log(np.maximum(seen.errors[known], _LEAST_ERROR)).ravel()
+    return _named(quantile(np.repeat(seen.signals[known], 4, axis=0), error, _ONE_SIGMA))
+
+
+def _named(weights: Floats) -> dict[str, float]:
+    """For a model's file: `weights` (K + 1,), the last of them the bias."""
+    pairs = zip((*SIGNALS, "bias"), weights.tolist(), strict=True)
+    return {name: round(value, 4) for name, value in pairs}
 
 
 def _left_out(seen: Sightings) -> Floats:
@@ -252,18 +297,46 @@ def calibrate(
         raise EntrackError(f"no sequence {', '.join(sorted(unknown))} in these datasets")
     chosen = [(d, name) for d, name in found if not only or name in only]
 
+    tracker = entrack.load(model)
+    passes = 2 if tracker.config.recovery else 1
+    number = count()
+
     def sequences() -> Iterator[Sequence]:
-        for number, (dataset, name) in enumerate(chosen, 1):
-            report(number, len(chosen), name)
+        for dataset, name in chosen:
+            report(next(number) + 1, passes * len(chosen), name)
             yield dataset.read(name)
 
-    fitted = fit(observe(entrack.load(model), sequences(), most))
-    write_model(load_model(model).folder, out, fitted.weights)
+    fitted = fit_tracker(tracker, sequences, most)
+    write_model(load_model(model).folder, out, fitted.weights, fitted.spread)
     return fitted
 
 
-def write_model(folder: Path, out: Path, weights: Mapping[str, float]) -> None:
-    """Copy a model with other weights of its score."""
+def fit_tracker(
+    tracker: Tracker, sequences: Callable[[], Iterable[Sequence]], most: int | None = None
+) -> Calibration:
+    """Fit a tracker's score and σ to sequences, which are made twice if it recovers.
+
+    What it sees when lost, as it goes on, tells what the score has to be; but what a recovering
+    tracker then does depends on that score. So it is tracked without recovery first.
+    """
+    config = tracker.config
+    seen = observe(configured(tracker, replace(config, recovery=None)), sequences(), most)
+    if config.recovery:
+        first = fit(seen)
+        known = replace(config, score=replace(config.score, **first.weights))
+        seen += observe(configured(tracker, known), sequences(), most)
+    return fit(seen)
+
+
+def configured(tracker: Tracker, config: Config) -> Tracker:
+    """The same tracker with another configuration."""
+    return Tracker(config, tracker.trunk, tracker.policy)
+
+
+def write_model(
+    folder: Path, out: Path, weights: Mapping[str, float], spread: Mapping[str, float]
+) -> None:
+    """Copy a model with other weights of its score and σ."""
     content: dict[str, Any] = read_toml(folder / "model.toml")
     with writing(out):
         out.mkdir(parents=True, exist_ok=True)
@@ -272,4 +345,5 @@ def write_model(folder: Path, out: Path, weights: Mapping[str, float]) -> None:
             shutil.copyfile(source, out / source.name)
             entry["path"] = source.name
     content["config"].setdefault("score", {}).update(weights)
+    content["config"]["spread"] = dict(spread)
     write_bytes(out / "model.toml", tomli_w.dumps(content).encode())

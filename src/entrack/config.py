@@ -1,6 +1,8 @@
 """Every choice that a tracker makes, as frozen data. A preset is a TOML file of these fields."""
 
+import math
 import tomllib
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal, TypeVar
 
@@ -78,20 +80,80 @@ class UpdateConfig:
 
 
 @dataclass(frozen=True, config=_STRICT)
-class ScoreConfig:
+class Weights:
+    """Weights of what the tracker saw: `bias` + Σ weight · evidence. 0 leaves a signal out."""
+
+    bias: float = 0.0
+    peak: float = 0.0
+    """The response's height at its peak."""
+    psr: float = 0.0
+    """The logarithm of its peak-to-sidelobe ratio."""
+    first: float = 0.0
+    """The height at the new box of the response to the first frame's filter, which sees the target
+    alone and never learns."""
+    rival: float = 0.0
+    """That response's highest peak elsewhere in units of `first`: something looks like the target.
+    """
+    same: float = 0.0
+    """Cosine of the features in the new box and in the first."""
+    sigma: float = 0.0
+    """The mean logarithm of the policy's σ, in units of the box's size."""
+    lost: float = 0.0
+    """1 while the target is lost and its box is held, when nothing else counts but …"""
+    gone: float = 0.0
+    """… the logarithm of the number of frames for which it has been."""
+
+    @property
+    def compares(self) -> bool:
+        """Whether the target's first look counts, which takes time to compare with."""
+        return bool(self.first or self.rival or self.same)
+
+    def total(self, evidence: Mapping[str, float]) -> float:
+        """`bias` + Σ weight · evidence."""
+        return self.bias + sum(getattr(self, name) * seen for name, seen in evidence.items())
+
+
+@dataclass(frozen=True, config=_STRICT)
+class ScoreConfig(Weights):
     """Score = logistic(bias + Σ weight · evidence)."""
 
     bias: float = -6.0
     peak: float = 6.0
-    """Weight of the response's height at its peak."""
     psr: float = 2.0
-    """Weight of the logarithm of its peak-to-sidelobe ratio."""
-    sigma: float = 0.0
-    """Weight of the mean logarithm of the policy's σ, in units of the box's size."""
     lost_below: float = Field(default=0.2, ge=0, le=1)
     """The target counts as lost when the score falls below this …"""
     found_above: float = Field(default=0.4, ge=0, le=1)
     """… and as found again only when it rises above this."""
+
+    def chance(self, evidence: Mapping[str, float]) -> float:
+        """The score; 0 where the evidence is no number."""
+        total = self.total(evidence)
+        return 1 / (1 + math.exp(-max(total, -700.0))) if math.isfinite(total) else 0.0
+
+
+@dataclass(frozen=True, config=_STRICT)
+class RecoveryConfig:
+    """What the tracker does when it is in doubt; without this, it only says so.
+
+    Sizes are √(width × height) of the last box that it was sure of.
+    """
+
+    leeway: float = Field(default=0.3, gt=0)
+    """Sizes by which a target moves otherwise than expected without being doubted."""
+    jump: float = Field(default=0.5, ge=0, le=1)
+    """How much the response counts where the target would have to jump to; 1 never doubts it."""
+    sure_above: float = Field(default=0.5, ge=0, le=1)
+    """Score from which on a box is remembered as the place to come back to, and held."""
+    confirm: int = Field(default=2, ge=1, le=30)
+    """Frames in a row with `found_above` until a lost target counts as found."""
+    looks: int = Field(default=4, ge=0, le=64)
+    """Places looked at in each frame while lost, besides the box that is held."""
+    growth: float = Field(default=0.15, ge=0)
+    """Sizes by which the search reaches further in each frame."""
+    reach: float = Field(default=8.0, ge=0)
+    """Sizes that it reaches to at most."""
+    stride: float = Field(default=1.3, gt=0)
+    """Sizes between neighbouring places."""
 
 
 @dataclass(frozen=True, config=_STRICT)
@@ -133,6 +195,11 @@ class Config:
     update: UpdateConfig = Field(default_factory=UpdateConfig)
     score: ScoreConfig = Field(default_factory=ScoreConfig)
     limits: LimitsConfig = Field(default_factory=LimitsConfig)
+    spread: Weights | None = None
+    """σ of the sides in units of the box's size is exp(bias + Σ weight · evidence); without this, σ
+    is the policy's."""
+    recovery: RecoveryConfig | None = None
+    """None keeps one look a frame around the last box, whether or not the target is there."""
     policy: PolicyConfig | None = None
     """None leaves the box to the response's peak and the scale search: the filter alone."""
 

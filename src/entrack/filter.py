@@ -16,9 +16,13 @@ Features = NDArray[np.float32]
 Spectrum = NDArray[np.complex64]
 
 
-def hann(n: int) -> Features:
-    """The periodic cosine window (n, n): 1 in the centre [n // 2, n // 2], 0 at the first edge."""
-    line = 0.5 - 0.5 * np.cos(2 * np.pi * np.arange(n) / n)
+def hann(n: int, width: float | None = None) -> Features:
+    """The periodic cosine window (n, n): 1 in the centre [n // 2, n // 2], 0 at the first edge.
+
+    With a `width` in cells it is 0 from half of that on.
+    """
+    away = np.minimum(np.abs(np.arange(n) - n / 2) / (width or n), 0.5)
+    line = 0.5 + 0.5 * np.cos(2 * np.pi * away)
     return np.outer(line, line).astype(np.float32)
 
 
@@ -78,10 +82,13 @@ class Peak(NamedTuple):
     """Peak-to-sidelobe ratio: (height − mean) / standard deviation of the rest."""
 
 
-def peak(response: Features) -> Peak:
-    """Find the maximum of a response (n, n) to a fraction of a cell, by a parabola on each axis."""
+def peak(response: Features, likely: Features | None = None) -> Peak:
+    """Find the maximum of a response (n, n) to a fraction of a cell, by a parabola on each axis.
+
+    With `likely` (n, n) it is that of the response times how likely each cell is.
+    """
     n = response.shape[-1]
-    i, j = divmod(int(response.argmax()), n)
+    i, j = divmod(int((response if likely is None else response * likely).argmax()), n)
     column = response[[i - 1, i, (i + 1) % n], j]
     row = response[i, [j - 1, j, (j + 1) % n]]
     return Peak(

@@ -3,10 +3,11 @@
 import math
 import time
 from collections import deque
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from copy import copy
-from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple
+from dataclasses import replace
+from itertools import islice
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,83 +19,16 @@ from entrack.box import Boxes
 from entrack.config import Config
 from entrack.errors import EntrackError
 from entrack.policy import Policy
+from entrack.recovery import Origin, Search, likeliest
 from entrack.state import State, held, shifted
+from entrack.target import Answer, Estimate, Look, Target
 from entrack.trunk import Trunk, each
+
+__all__ = ["PLACES", "Estimate", "Look", "Tracker", "inside", "moved"]
 
 PLACES = 128
 """Centres and sizes are multiples of 1 / 128 pixel. Engines differ in the last bits of a float,
 which would grow from frame to frame; cut off, an exported model gives the same boxes."""
-
-
-@dataclass(frozen=True)
-class Estimate:
-    """What the tracker says of one frame."""
-
-    box: Boxes
-    """`(x, y, w, h)` (4,) float64, 0-based continuous pixels."""
-    score: float
-    """In [0, 1]: how sure the tracker is that the box overlaps the target (IoU > ½)."""
-    lost: bool
-    """The tracker's decision, with hysteresis, that it does not see the target."""
-    sigma: NDArray[np.float64] | None
-    """Standard deviation of the four sides, pixels; None for a model without a policy."""
-    entropy: float | None
-    """Entropy of the policy, nats; None for a model without a policy."""
-    search: Boxes
-    """The search window as a box (4,)."""
-    ms: float
-    """Milliseconds that the frame took, shared by all targets of the frame."""
-
-
-@dataclass(frozen=True)
-class Look:
-    """What the tracker saw of one target in the last frame; for drawing and explaining."""
-
-    patch: windows.Image
-    """The search window's content (S, S, 3) uint8 BGR."""
-    features: cf.Features
-    """Z: (C, n, n) float32."""
-    response: cf.Features
-    """M: (n, n) float32, its peak at [n // 2, n // 2] for a target that has not moved (eq. 3)."""
-    zoom: float = 1.0
-    """How much more of the image than the search window was looked at."""
-    z: cf.Features | None = None
-    """f1(Z) (C, n, n) (eq. 4); None for a model without a policy."""
-    evidence: Mapping[str, float] = field(default_factory=dict[str, float])
-    """What the score was computed from, once it was; see `ScoreConfig`."""
-
-
-@dataclass
-class _Target:
-    """What is remembered of one target from frame to frame."""
-
-    box: Boxes
-    first: Boxes
-    template: cf.Features
-    weights: cf.Spectrum
-    known: object = None
-    """What the policy's f1 remembers of the first frame."""
-    looks: list[Look] = field(default_factory=list[Look])
-    """What was seen in the last frame, at every size that was looked at."""
-    state: State | None = None
-    look: Look | None = None
-    lost: bool = False
-    unlearned: windows.Image | None = None
-    """The last frame at the new box, of which X' of eq. 14 is made together with the next Z."""
-    waited: int = 0
-    """Frames since the last such."""
-    turn: int = 0
-    """Frames until other sizes than the last are looked at, see `ScaleConfig.every`."""
-
-
-class _Answer(NamedTuple):
-    """A decision about one target in one frame."""
-
-    box: Boxes
-    evidence: dict[str, float]
-    """What the score is computed from; see `ScoreConfig`."""
-    sigma: NDArray[np.float64] | None = None
-    entropy: float | None = None
 
 
 class Tracker:
@@ -109,7 +43,7 @@ class Tracker:
         self.config = config
         self.trunk = trunk
         self.policy = policy
-        self._targets: list[_Target] = []
+        self._targets: list[Target] = []
         self.ids: list[int] = []
         """Numbers of the targets, in the order of what `update_many` returns."""
         self._given = 0  # ids, of which none is given twice
@@ -123,6 +57,7 @@ class Tracker:
         self._zooms: list[float] = (config.scale.factor ** np.arange(-half, half + 1.0)).tolist()
         self._sizes = np.log(np.array(self._zooms, np.float32))
         self._parabola = cf.parabola(self._sizes)
+        self._compares = any(w.compares for w in (config.score, config.spread) if w)
         self._rng = np.random.default_rng(config.policy.seed if config.policy else 0)
 
     def init(self, image: Any, box: ArrayLike) -> None:
@@ -154,8 +89,8 @@ class Tracker:
             [windows.crop(frame, w, self.config.window.border) for w in windows_]
         )
         self._targets = [
-            _Target(box, box, x * self._taper, self.fit(x * self._taper))
-            for box, x in zip(started, features, strict=True)
+            self._start(box, window, x)
+            for box, window, x in zip(started, windows_, features, strict=True)
         ]
         for k, target in enumerate(self._targets):
             target.turn = k % self.config.scale.every
@@ -164,6 +99,11 @@ class Tracker:
                 roi = window.to_patch(target.box) / window.size
                 target.known = self.policy.f1.remember(x, roi.astype(np.float32))
         self.ids, self._given = list(range(len(started))), len(started)
+
+    def _start(self, box: Boxes, window: windows.Window, x: cf.Features) -> Target:
+        template, search = x * self._taper, Search(box, self.config.recovery)
+        origin = Origin.of(x, box, window, self.fit)
+        return Target(box, box, template, self.fit(template), origin, search)
 
     def add(self, box: ArrayLike, image: Any = None) -> int:
         """Track one more target, from the frame seen last on; return its id, see `ids`.
@@ -218,13 +158,16 @@ class Tracker:
             self._frame = windows.as_bgr(image)
             return []
         self.observe(image)
-        searches = [windows.around(t.box, self.config.window).box for t in self._targets]
+        searches = [
+            t.search.area(windows.around(t.box, self.config.window).box) for t in self._targets
+        ]
         follow = self._follow_policy if self.policy else self._follow_peak
         answers = [follow(target) for target in self._targets]
-        scores = [self._move(t, a) for t, a in zip(self._targets, answers, strict=True)]
+        moves = [self._move(t, a) for t, a in zip(self._targets, answers, strict=True)]
+        scores = [self._recover(t, s) for t, s in zip(self._targets, moves, strict=True)]
         ms = 1e3 * (time.perf_counter() - started)
         return [
-            Estimate(t.box.copy(), score, t.lost, a.sigma, a.entropy, search, ms)
+            Estimate(t.told.copy(), score, t.search.lost, self._sigma(t, a), a.entropy, search, ms)
             for t, a, score, search in zip(self._targets, answers, scores, searches, strict=True)
         ]
 
@@ -255,30 +198,39 @@ class Tracker:
             target.state = self._state(target)
             if target.state:
                 target.look = replace(target.look, z=target.state.z)
+            target.elsewhere = self._elsewhere(target, list(islice(features, len(target.places))))
         return [target.state for target in self._targets]
 
     def _patches(self, frame: windows.Image, kept: deque[windows.Image]) -> Iterator[windows.Image]:
-        """What the trunk sees in a frame: what is unlearned, and what is looked at, `kept`."""
+        """What the trunk sees in a frame.
+
+        For each target that is what is unlearned, what is looked at, which is `kept`, and places
+        where it may be besides, if it is lost.
+        """
         for target in self._targets:
             if target.unlearned is not None:
                 yield target.unlearned
             for zoom in self._zooms_of(target):
                 kept.append(self._patch(frame, target.box, zoom))
                 yield kept[-1]
+            boxes = target.search.places(self._size)
+            target.places = [windows.around(box, self.config.window) for box in boxes]
+            for window in target.places:
+                yield windows.crop(frame, window, self.config.window.border)
 
-    def _zooms_of(self, target: _Target) -> list[float]:
+    def _zooms_of(self, target: Target) -> list[float]:
         return [1.0] if target.turn else self._zooms
 
     def _look(
-        self, target: _Target, features: cf.Features, patch: windows.Image, zoom: float
+        self, target: Target, features: cf.Features, patch: windows.Image, zoom: float
     ) -> Look:
-        response = self.respond(target.weights, cf.spectrum(features * self._taper))
-        return Look(patch, features, response, zoom)
+        seen = cf.spectrum(features * self._taper)
+        return Look(patch, features, seen, self.respond(target.weights, seen), zoom)
 
     @property
     def boxes(self) -> list[Boxes]:
         """The last box (4,) of each target."""
-        return [target.box.copy() for target in self._targets]
+        return [target.told.copy() for target in self._targets]
 
     def teach(self, image: Any, truth: ArrayLike) -> None:
         """Replace the only target's template by X_t = g(G_t, I_t), as training may (§3.2.5)."""
@@ -288,38 +240,39 @@ class Tracker:
         target.template, target.unlearned = x * self._taper, None
         target.weights = self.fit(target.template)
 
-    def _state(self, target: _Target) -> State | None:
+    def _state(self, target: Target) -> State | None:
         if self.policy is None or target.look is None:
             return None
         window = windows.around(target.box, self.config.window)
         last = held(target.box, target.first, window.box)
         return self.policy.state(target.look.features, target.look.response, last, target.known)
 
-    def _follow_peak(self, target: _Target) -> _Answer:
+    def _follow_peak(self, target: Target) -> Answer:
         """Move and resize the box to where the response is highest: the filter alone."""
         config = self.config
         target.look = self._best(target)
-        peak = cf.peak(target.look.response)
-        zoom = target.look.zoom
+        zoom, response = target.look.zoom, target.look.response
         window = windows.around(target.box, config.window, zoom)
-        cell = window.box[2:] / target.look.response.shape[-1]
+        peak = cf.peak(response, target.search.likely(target.box, window, response.shape[-1]))
+        cell = window.box[2:] / response.shape[-1]
         centre = boxes_.centre(target.box) + np.array([peak.dx, peak.dy]) * cell
         size = target.box[2:] * self._grown(target)
-        return _Answer(boxes_.from_centre(centre, size), _evidence(peak))
+        box = boxes_.from_centre(centre, size)
+        return Answer(box, self._evidence(target, peak, box))
 
-    def _follow_policy(self, target: _Target) -> _Answer:
+    def _follow_policy(self, target: Target) -> Answer:
         """Take one action a_t ~ π(· | s_t) and add it to the box (eq. 7)."""
         assert self.policy is not None and target.look is not None and target.state is not None
         gaussian = self.policy(target.state)
         sampled = self.config.policy is not None and self.config.policy.act == "sample"
         action = gaussian.action(self._rng if sampled else None)
         sides = np.tile(target.box[2:], 2)
-        evidence = _evidence(cf.peak(target.look.response))
-        evidence["sigma"] = float(np.log(gaussian.sigma).mean())
         box = self._acted(target, action)
-        return _Answer(box, evidence, gaussian.sigma * sides, gaussian.entropy)
+        evidence = self._evidence(target, cf.peak(target.look.response), box)
+        evidence["sigma"] = float(np.log(gaussian.sigma).mean())
+        return Answer(box, evidence, gaussian.sigma * sides, gaussian.entropy)
 
-    def _acted(self, target: _Target, action: ArrayLike) -> Boxes:
+    def _acted(self, target: Target, action: ArrayLike) -> Boxes:
         """d_t = d_{t−1} + a_t (eq. 7), its size tempered by the scale search if so configured."""
         box, config = moved(target.box, action), self.config.policy
         if config is None or not (config.search or config.keep_aspect):
@@ -330,13 +283,13 @@ class Tracker:
         growth = (1 - config.search) * growth + config.search * np.log(self._grown(target))
         return boxes_.from_centre(boxes_.centre(box), target.box[2:] * np.exp(growth))
 
-    def _best(self, target: _Target) -> Look:
+    def _best(self, target: Target) -> Look:
         """The size that answers most of those that were looked at, after the penalties."""
         half = len(target.looks) // 2
         penalties = self.config.scale.penalty ** np.abs(np.arange(-half, half + 1))
         return target.looks[int((_heights(target) * penalties).argmax())]
 
-    def _grown(self, target: _Target) -> float:
+    def _grown(self, target: Target) -> float:
         """By what factor the size changes, as far as the scale search says."""
         rate = self.config.scale.rate
         if not self.config.scale.between:
@@ -351,11 +304,11 @@ class Tracker:
         given = np.asarray(actions, np.float64).reshape(-1, 4)
         for target, action in zip(self._targets, given, strict=True):
             assert target.look is not None
-            evidence = _evidence(cf.peak(target.look.response))
-            self._move(target, _Answer(self._acted(target, action), evidence))
+            box, peak = self._acted(target, action), cf.peak(target.look.response)
+            self._move(target, Answer(box, self._evidence(target, peak, box)))
         return self.boxes
 
-    def _move(self, target: _Target, answer: _Answer) -> float:
+    def _move(self, target: Target, answer: Answer) -> float:
         """Put the box where the answer says, within limits; return the score."""
         limits, config = self.config.limits, self.config.score
         first = target.first[2:]
@@ -365,15 +318,15 @@ class Tracker:
         centre = np.clip(boxes_.centre(answer.box), 0, self._size)
         centre, size = (np.round(v * PLACES) / PLACES for v in (centre, size))
         searched, target.box = target.box, boxes_.from_centre(centre, size)
-        evidence = config.bias + sum(
-            getattr(config, name) * value for name, value in answer.evidence.items()
-        )
-        score = float(1 / (1 + np.exp(-evidence))) if sound and np.isfinite(evidence) else 0.0
+        target.search.follow(centre - boxes_.centre(searched))
+        score = config.chance(answer.evidence) if sound else 0.0
         assert self._frame is not None and target.look is not None
         target.look = replace(target.look, evidence=answer.evidence)
-        target.lost = score < (config.found_above if target.lost else config.lost_below)
+        search = target.search
+        search.decide(score >= (config.found_above if search.lost else config.lost_below))
         learn, window = self.config.update, self.config.window
         due = learn.rate > 0 and target.waited + 1 >= learn.every and score >= learn.min_score
+        due = due and not search.active
         target.waited, target.unlearned = 0 if due else target.waited + 1, None
         target.turn = (target.turn - 1) % self.config.scale.every
         if due and learn.seen == "again":
@@ -384,7 +337,48 @@ class Tracker:
             self._learn(target, x * self._taper)
         return score
 
-    def _learn(self, target: _Target, seen: cf.Features) -> None:
+    def _evidence(self, target: Target, peak: cf.Peak, box: Boxes) -> dict[str, float]:
+        """What the score is computed from, for a new box."""
+        look = target.look
+        assert look is not None
+        seen = {"peak": peak.height, "psr": float(np.log(max(peak.psr, 1e-3)))}
+        if not self._compares or not np.isfinite(box).all():
+            return seen
+        window = windows.around(target.box, self.config.window, look.zoom)
+        response = self.respond(target.origin.weights, look.spectrum)
+        return seen | target.origin.evidence(response, look.features, box, window)
+
+    def _recover(self, target: Target, score: float) -> float:
+        """Hold on to what is sure, or go where a lost target may be; return the score to report."""
+        search = target.search
+        if not search.active:
+            search.sure(target.box, score)
+            return score
+        if not search.confirmed:
+            target.box = search.restart(target.elsewhere)
+        evidence = {"lost": 1.0, "gone": float(np.log(search.gone))}
+        assert target.look is not None
+        target.look = replace(target.look, evidence=evidence)
+        return self.config.score.chance(evidence)
+
+    def _elsewhere(self, target: Target, features: list[cf.Features]) -> Boxes | None:
+        """Where a lost target is likeliest, of the places with these features."""
+        if not features:
+            return None
+        # Of what was learned since, the target alone counts, too: its surroundings stay behind.
+        recent = self.fit(target.template * target.origin.taper)
+        seen = cf.spectrum(np.stack(features))
+        responses = self.respond(target.origin.weights, seen) + self.respond(recent, seen)
+        return likeliest(responses, target.places, target.search.held[2:])
+
+    def _sigma(self, target: Target, answer: Answer) -> NDArray[np.float64] | None:
+        """σ of the four sides in pixels: as `entrack calibrate` found it, or else the policy's."""
+        spread = self.config.spread
+        if spread is None or target.look is None:
+            return answer.sigma
+        return np.tile(target.told[2:], 2) * math.exp(spread.total(target.look.evidence))
+
+    def _learn(self, target: Target, seen: cf.Features) -> None:
         """Eq. 14. No frame needs Ŵ before the next one's response, so X' shares its trunk batch."""
         rate = 1 - (1 - self.config.update.rate) ** self.config.update.every
         target.template = cf.update(target.template, seen, rate)
@@ -413,7 +407,7 @@ class Tracker:
         if size != self._size:
             ratio = np.tile(np.divide(size, self._size), 2)
             for target in self._targets:
-                target.box, target.first = target.box * ratio, target.first * ratio
+                target.resize(ratio)
             self._size = size
 
 
@@ -429,13 +423,9 @@ def moved(box: ArrayLike, action: ArrayLike) -> Boxes:
     return boxes_.from_corners(boxes_.to_corners(b) + np.asarray(action) * np.tile(b[2:], 2))
 
 
-def _heights(target: _Target) -> NDArray[np.float32]:
+def _heights(target: Target) -> NDArray[np.float32]:
     """How much each of the sizes that were looked at answers (k,)."""
     return np.array([look.response.max() for look in target.looks])
-
-
-def _evidence(peak: cf.Peak) -> dict[str, float]:
-    return {"peak": peak.height, "psr": float(np.log(max(peak.psr, 1e-3)))}
 
 
 def inside(box: Any, frame: windows.Image) -> Boxes:

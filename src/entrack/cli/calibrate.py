@@ -56,6 +56,8 @@ def calibrate(
         return
     typer.echo(f"{folder / 'model.toml'}\n[config.score]")
     typer.echo("".join(f"{name} = {value}\n" for name, value in found.weights.items()), nl=False)
+    typer.echo("[config.spread]")
+    typer.echo("".join(f"{name} = {value}\n" for name, value in found.spread.items()), nl=False)
     typer.echo(
         f"# {found.frames} frames of {found.sequences} sequences, IoU > .5 in {found.share:.1%}"
     )

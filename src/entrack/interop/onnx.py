@@ -27,6 +27,7 @@ from entrack.errors import EntrackError, require
 from entrack.files import unfinished, write_bytes
 from entrack.model import Model, assets
 from entrack.policy import LOG_STD, OUTWARDS, Policy, load_policy
+from entrack.recovery import ELSEWHERE, FAINT, HERE, ORIGIN, POINTS
 from entrack.state import GRID, GROWN, Conditioned
 from entrack.state import _resize as resize_matrix  # pyright: ignore[reportPrivateUsage]
 from entrack.tracker import PLACES
@@ -75,7 +76,7 @@ def export_model(model: Model, out: Path) -> list[Path]:
     shutil.copyfile(assets() / "export" / "track.py.txt", out / "track.py")
     text = _CARD.format(
         name=model.name, size=config.window.size, n=step.n, c=channels, k=config.scale.steps,
-        memory=_MEMORY.format(c=channels, n=step.n) if step.remembers else "",
+        memory=_MEMORY.format(c=channels, n=step.n) if step.remembers or step.compares else "",
         sigma=_SIGMA if policy else "",
     )  # fmt: skip
     write_bytes(out / "README.md", text.encode())
@@ -122,6 +123,7 @@ class Step(nn.Module):
         }  # fmt: skip
         for name, array in arrays.items():
             self.register_buffer(name, torch.from_numpy(np.array(array, np.float32)))
+        self.compares = config.score.compares
         self.remembers = policy is not None and isinstance(policy.f1, Conditioned)
         weights = {} if policy is None else _weights(policy, n)
         self.w = {name: torch.from_numpy(np.array(w, np.float32)) for name, w in weights.items()}
@@ -141,7 +143,10 @@ class Step(nn.Module):
         if self.policy is None:
             dx, dy, height, psr = self.peak(responses[best][0])
             offset = torch.stack([dx, dy]) * zoom / self.n
-            return template, torch.cat([offset, growth, growth]), self.score(height, psr)
+            size = torch.cat([growth, growth])
+            evidence = {"peak": height, "psr": psr}
+            evidence |= self.compared(features[1:][best][0], first, roi, held, zoom, offset, size)
+            return template, torch.cat([offset, size]), self.score(evidence)
         middle = self.config.scale.steps // 2
         response, z = responses[middle], features[1 + middle]
         _, _, height, psr = self.peak(response)
@@ -153,7 +158,9 @@ class Step(nn.Module):
         low, high = action[:2] - 0.5, action[2:] + 0.5  # eq. 7, in box sizes from its centre
         low, high = torch.minimum(low, high), torch.maximum(low, high)
         offset, size = (low + high) / 2 * held[:2], self.temper(high - low, growth)
-        score = self.score(height, psr, sigma.log().mean())
+        evidence = {"peak": height, "psr": psr, "sigma": sigma.log().mean()}
+        evidence |= self.compared(z, first, roi, held, 1.0, offset, size)
+        score = self.score(evidence)
         return template, torch.cat([offset, size]), score, sigma
 
     def temper(self, size: Tensor, searched: Tensor) -> Tensor:
@@ -167,11 +174,37 @@ class Step(nn.Module):
             growth = growth.mean(0, keepdim=True).expand(2)
         return torch.exp((1 - config.search) * growth + config.search * searched.log())
 
-    def score(self, height: Tensor, psr: Tensor, sigma: Tensor | float = 0.0) -> Tensor:
+    def score(self, evidence: dict[str, Tensor]) -> Tensor:
         """`ScoreConfig`."""
-        c = self.config.score
-        evidence = c.bias + c.peak * height + c.psr * psr.clamp_min(1e-3).log() + c.sigma * sigma
-        return torch.sigmoid(evidence)
+        config = self.config.score
+        seen = evidence | {"psr": evidence["psr"].clamp_min(1e-3).log()}
+        parts = [getattr(config, name) * value for name, value in seen.items()]
+        return torch.sigmoid(config.bias + torch.stack(parts).sum())
+
+    def compared(
+        self, z: Tensor, first: Tensor, roi: Tensor, held: Tensor, zoom: Any, offset: Tensor,
+        size: Tensor,
+    ) -> dict[str, Tensor]:  # fmt: skip
+        """`recovery.Origin`: how much the new box looks like the first."""
+        if not self.compares:
+            return {}
+        n = self.n
+        away = (
+            (torch.arange(n) - n / 2).abs() / (n * ORIGIN * (roi[2] * roi[3]).sqrt())
+        ).clamp_max(0.5)
+        line = 0.5 + 0.5 * torch.cos(2 * torch.pi * away)
+        response = self.respond(first * line[:, None] * line, (z * self.taper)[None])[0]
+        centre = 0.5 + offset / zoom  # of the box, in shares of the window that was looked at
+        dx, dy = [((torch.arange(n) - c * n + n / 2) % n - n / 2).abs() for c in centre]
+        apart = torch.maximum(dy[:, None].expand(n, n), dx[None].expand(n, n))
+        height = response.masked_fill(apart > HERE, -1e9).max()
+        rival = response.masked_fill(apart <= ELSEWHERE, -1e9).max() / height.clamp_min(FAINT)
+        shares = held[:2] * size / zoom
+        mean = first.mean((1, 2), keepdim=True)
+        seen = self.sample_grid(z, torch.cat([centre - shares / 2, shares]), POINTS, 1.0) - mean
+        points = self.sample_grid(first, roi, POINTS, 1.0) - mean
+        length = (seen.norm() * points.norm()).clamp_min(1e-9)
+        return {"first": height, "rival": rival.clamp(0, 2), "same": (seen * points).sum() / length}
 
     # -- entrack.filter --------------------------------------------------------------------------
 
@@ -287,12 +320,14 @@ class Step(nn.Module):
         """Centres of the cells from the window's, in shares of its side."""
         return (torch.arange(self.n) + 0.5) / self.n - 0.5
 
-    def sample_grid(self, features: Tensor, roi: Tensor) -> Tensor:
+    def sample_grid(
+        self, features: Tensor, roi: Tensor, points: int = GRID, grown: float = GROWN
+    ) -> Tensor:
         """`state.sample_grid`; linear interpolation as a tent around each place."""
-        along = (torch.arange(GRID) + 0.5) / GRID - 0.5
+        along = (torch.arange(points) + 0.5) / points - 0.5
         cells = torch.arange(self.n).float()
         x, y = [
-            (roi[k] + roi[k + 2] / 2 + along * roi[k + 2] * GROWN) * self.n - 0.5 for k in (0, 1)
+            (roi[k] + roi[k + 2] / 2 + along * roi[k + 2] * grown) * self.n - 0.5 for k in (0, 1)
         ]
         columns, rows = [
             (1 - (p.clamp(0, self.n - 1)[:, None] - cells).abs()).clamp_min(0) for p in (x, y)

@@ -1,0 +1,202 @@
+"""When in doubt: what a tracker remembers of the target's first look, and where it searches.
+
+Nothing of this moves a box while the score is high. While the target counts as lost, the last box
+that was sure is held, and in each frame a bounded number of places is looked at, further and
+further away from there. The filter of the first frame, which never learns, says which of them is
+worth a closer look; there the tracker works as ever, and if its score stays high, it has found the
+target.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from entrack import box as boxes_
+from entrack import filter as cf
+from entrack.box import Boxes
+from entrack.config import RecoveryConfig
+from entrack.state import GROWN, sample_grid
+from entrack.window import Window
+
+HERE, ELSEWHERE = 1.5, 2.5
+"""Cells from the box's centre up to which a response is the box's, and from which on another's."""
+FAINT = 0.02
+"""A height below which a response says nothing."""
+POINTS = 6
+"""Points a side at which the features in two boxes are compared."""
+ORIGIN = GROWN
+"""Width of the taper around the first box, in units of its size: a target's own place in the first
+frame looks like the target to a filter that sees more, and is where it is not once it has moved."""
+
+
+@dataclass(frozen=True)
+class Origin:
+    """The target in the first frame, and nothing of what was around it."""
+
+    taper: cf.Features
+    """(n, n): 1 in the middle of the box, 0 where the target is not."""
+    weights: cf.Spectrum
+    """Ŵ of features so tapered."""
+    points: cf.Features
+    """Features (C, 6, 6) inside the box, less `mean`."""
+    mean: cf.Features
+    """Mean features (C, 1, 1) of the window."""
+
+    @classmethod
+    def of(
+        cls,
+        features: cf.Features,
+        box: Boxes,
+        window: Window,
+        fit: Callable[[cf.Features], cf.Spectrum],
+    ) -> "Origin":
+        """Remember Z (C, n, n) of a window around `box`."""
+        n = features.shape[-1]
+        taper = cf.hann(n, n * ORIGIN * math.sqrt(box[2] * box[3] / (window.w * window.h)))
+        mean = features.mean(axis=(1, 2), keepdims=True)
+        return cls(taper, fit(features * taper), _points(features, box, window) - mean, mean)
+
+    def evidence(
+        self, response: cf.Features, features: cf.Features, box: Boxes, window: Window
+    ) -> dict[str, float]:
+        """How much `box` looks like it: `first`, `rival` and `same` of `entrack.config.Weights`.
+
+        `response` (n, n) is that of `weights`, in a window with features Z (C, n, n).
+        """
+        n = response.shape[-1]
+        apart = np.maximum(*np.abs(_away(n, boxes_.centre(window.to_patch(box)) * n / window.size)))
+        first = float(response[apart <= HERE].max())
+        rival = float(response[apart > ELSEWHERE].max()) / max(first, FAINT)
+        seen = _points(features, box, window) - self.mean
+        length = float(np.linalg.norm(seen) * np.linalg.norm(self.points))
+        same = float((seen * self.points).sum()) / max(length, 1e-9)
+        return {"first": first, "rival": min(max(rival, 0.0), 2.0), "same": same}
+
+
+def _away(n: int, place: NDArray[np.float64]) -> NDArray[np.float64]:
+    """How far each cell of a response, which wraps around, is from a place (2,): (2, n, n)."""
+    x, y = (np.arange(n) - place[:, None] + n / 2) % n - n / 2
+    return np.stack(np.broadcast_arrays(x, y[:, None]))
+
+
+def _points(features: cf.Features, box: Boxes, window: Window) -> cf.Features:
+    roi = (window.to_patch(box) / window.size).astype(np.float32)
+    return sample_grid(features, roi, points=POINTS, grown=1.0)
+
+
+def likeliest(responses: cf.Features, windows: list[Window], size: Boxes) -> Boxes:
+    """The box of `size` (2,) where windows (N) answer most, by their responses (N, n, n).
+
+    Features are not tapered here, so that a target off the centre answers as well; what a flat
+    ground answers is left out of account.
+    """
+    responses = responses - np.median(responses, axis=(1, 2), keepdims=True)
+    best = int(responses.max(axis=(1, 2)).argmax())
+    window, peak = windows[best], cf.peak(responses[best])
+    cell = window.box[2:] / responses.shape[-1]
+    centre = boxes_.centre(window.box) + np.array([peak.dx, peak.dy]) * cell
+    return boxes_.from_centre(centre, size)
+
+
+@dataclass
+class Search:
+    """Whether one target is lost, and the search for it.
+
+    Sizes are √(width × height) of the box that is held.
+    """
+
+    held: Boxes
+    """The last box that was sure: what is reported while the target is searched."""
+    config: RecoveryConfig | None
+    """None says that a target is lost, and does nothing about it."""
+    lost: bool = False
+    gone: int = 0
+    """Frames for which it has been searched."""
+    confirmed: int = 0
+    """Frames in a row in which it seemed to be found."""
+    step: NDArray[np.float64] = field(default_factory=lambda: np.zeros(2))
+    """How the target's centre moves from frame to frame, a running mean (2,) in pixels."""
+    visited: dict[tuple[int, int], int] = field(default_factory=dict[tuple[int, int], int])
+    """When each place was looked at last."""
+
+    @property
+    def active(self) -> bool:
+        """Whether the target is searched."""
+        return self.lost and self.config is not None
+
+    @property
+    def size(self) -> float:
+        """Of the box that is held, pixels."""
+        return math.sqrt(self.held[2] * self.held[3])
+
+    @property
+    def radius(self) -> float:
+        """How far from the held box's centre the target is searched, pixels."""
+        config = self.config
+        return self.size * min(config.growth * self.gone, config.reach) if config else 0.0
+
+    def follow(self, step: NDArray[np.float64]) -> None:
+        """Hear how far the centre has moved (2,)."""
+        self.step = (self.step + step) / 2
+
+    def likely(self, box: Boxes, window: Window, n: int) -> cf.Features | None:
+        """How much each cell (n, n) of a window's response counts, if `box` was the last one.
+
+        A target can be anywhere; but nothing jumps by chance just when something like it is near.
+        """
+        if self.config is None or self.lost:
+            return None
+        place = (boxes_.centre(box) + self.step - (window.x, window.y)) * n / (window.w, window.h)
+        leeway = self.config.leeway * n * math.sqrt(box[2] * box[3] / (window.w * window.h))
+        near = np.exp(-(_away(n, place) ** 2).sum(axis=0) / (2 * leeway**2))
+        return (self.config.jump + (1 - self.config.jump) * near).astype(np.float32)
+
+    def sure(self, box: Boxes, score: float) -> None:
+        """Come back to this box if the next ones are none, if the score is high enough for that."""
+        if self.config and score >= self.config.sure_above:
+            self.held, self.gone, self.visited = box.copy(), 0, {}
+
+    def decide(self, found: bool) -> None:
+        """Hear whether the target seems to be found in this frame."""
+        self.confirmed = self.confirmed + 1 if found else 0
+        enough = self.config.confirm if self.config and self.lost else 1
+        self.lost = self.confirmed < enough
+        self.gone += self.active
+
+    def restart(self, place: Boxes | None) -> Boxes:
+        """Where to work in the next frame: at `place`, or where the target was last."""
+        self.step = np.zeros(2)
+        return self.held.copy() if place is None else place
+
+    def places(self, frame: tuple[int, int]) -> list[Boxes]:
+        """Where to look for a lost target: at the held box and at most `looks` others.
+
+        Those that were not seen for longest come first, then the nearest. `frame` is the picture's
+        width and height.
+        """
+        if not (self.lost and self.config):
+            return []
+        stride, radius = self.config.stride * self.size, self.radius
+        centre, steps = boxes_.centre(self.held), int(radius / stride)
+        around = [
+            (i, j)
+            for i in range(-steps, steps + 1)
+            for j in range(-steps, steps + 1)
+            if 0 < math.hypot(i, j) * stride <= radius
+            and -stride / 2 <= centre[0] + i * stride <= frame[0] + stride / 2
+            and -stride / 2 <= centre[1] + j * stride <= frame[1] + stride / 2
+        ]
+        around.sort(key=lambda place: (self.visited.get(place, 0), math.hypot(*place)))
+        chosen = [(0, 0), *around[: self.config.looks]]
+        self.visited |= dict.fromkeys(chosen, self.gone)
+        return [boxes_.from_centre(centre + np.array(p) * stride, self.held[2:]) for p in chosen]
+
+    def area(self, window: Boxes) -> Boxes:
+        """All that is searched (4,), with windows as large as `window`."""
+        if not self.active:
+            return window
+        reach = self.radius + np.asarray(window[2:]) / 2
+        return boxes_.from_centre(boxes_.centre(self.held), 2 * reach)

@@ -1,0 +1,103 @@
+"""What is known of one target: what the tracker says of it, saw of it, and remembers of it."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from entrack import filter as cf
+from entrack.box import Boxes
+from entrack.recovery import Origin, Search
+from entrack.state import State
+from entrack.window import Image, Window
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """What the tracker says of one frame."""
+
+    box: Boxes
+    """`(x, y, w, h)` (4,) float64, 0-based continuous pixels."""
+    score: float
+    """In [0, 1]: how sure the tracker is that the box overlaps the target (IoU > ½)."""
+    lost: bool
+    """The tracker's decision, with hysteresis, that it does not see the target."""
+    sigma: NDArray[np.float64] | None
+    """Standard deviation of the four sides, pixels: the true side is no further away in 68 % of all
+    frames; None for a model that knows neither a spread nor a policy."""
+    entropy: float | None
+    """Entropy of the policy, nats; None for a model without a policy."""
+    search: Boxes
+    """The search window as a box (4,), which grows while the target is lost."""
+    ms: float
+    """Milliseconds that the frame took, shared by all targets of the frame."""
+
+
+@dataclass(frozen=True)
+class Look:
+    """What the tracker saw of one target in the last frame; for drawing and explaining."""
+
+    patch: Image
+    """The search window's content (S, S, 3) uint8 BGR."""
+    features: cf.Features
+    """Z: (C, n, n) float32."""
+    spectrum: cf.Spectrum
+    """Ẑ of the tapered features."""
+    response: cf.Features
+    """M: (n, n) float32, its peak at [n // 2, n // 2] for a target that has not moved (eq. 3)."""
+    zoom: float = 1.0
+    """How much more of the image than the search window was looked at."""
+    z: cf.Features | None = None
+    """f1(Z) (C, n, n) (eq. 4); None for a model without a policy."""
+    evidence: Mapping[str, float] = field(default_factory=dict[str, float])
+    """What the score was computed from, once it was; see `entrack.config.Weights`."""
+
+
+class Answer(NamedTuple):
+    """A decision about one target in one frame."""
+
+    box: Boxes
+    evidence: dict[str, float]
+    """What the score is computed from; see `entrack.config.Weights`."""
+    sigma: NDArray[np.float64] | None = None
+    entropy: float | None = None
+
+
+@dataclass
+class Target:
+    """What is remembered of one target from frame to frame."""
+
+    box: Boxes
+    first: Boxes
+    template: cf.Features
+    weights: cf.Spectrum
+    origin: Origin
+    search: Search
+    known: object = None
+    """What the policy's f1 remembers of the first frame."""
+    looks: list[Look] = field(default_factory=list[Look])
+    """What was seen in the last frame, at every size that was looked at."""
+    state: State | None = None
+    look: Look | None = None
+    places: list[Window] = field(default_factory=list[Window])
+    """Where else it was looked for in the last frame, if it was lost …"""
+    elsewhere: Boxes | None = None
+    """… and where in them it is most likely (4,)."""
+    unlearned: Image | None = None
+    """The last frame at the new box, of which X' of eq. 14 is made together with the next Z."""
+    waited: int = 0
+    """Frames since the last such."""
+    turn: int = 0
+    """Frames until other sizes than the last are looked at, see `ScaleConfig.every`."""
+
+    @property
+    def told(self) -> Boxes:
+        """The box that is reported: while the target is searched, the last one that was sure."""
+        return self.search.held if self.search.active else self.box
+
+    def resize(self, ratio: NDArray[np.float64]) -> None:
+        """Follow a change of the frame's size: `ratio` (4,)."""
+        self.box, self.first = self.box * ratio, self.first * ratio
+        self.search.held = self.search.held * ratio

@@ -1,0 +1,175 @@
+"""What the tracker does in doubt: it holds, searches, finds again, and lets look-alikes be."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from entrack import box as boxes
+from entrack import filter as cf
+from entrack.box import iou
+from entrack.config import Config, RecoveryConfig, ScoreConfig, UpdateConfig, Weights, WindowConfig
+from entrack.recovery import Search, likeliest
+from entrack.tracker import Tracker
+from entrack.window import around
+from test_tracker import Averages, scene
+
+GROUND = scene((-500, -500))
+START = (60, 100, 40, 40)
+SURE = Config(
+    score=ScoreConfig(bias=-9, peak=0, psr=0, first=10, same=10, lost=-3),
+    update=UpdateConfig(rate=0.02, min_score=0.5),
+    recovery=RecoveryConfig(),
+)
+
+
+def started(config: Config = SURE) -> Tracker:
+    t = Tracker(config, Averages())
+    t.init(scene(START[:2]), START)
+    for _ in range(3):
+        assert not t.update(scene(START[:2])).lost
+    return t
+
+
+def test_a_hidden_target_is_held_reported_lost_and_found_where_it_comes_back():
+    t = started()
+    held = t.boxes[0]
+    hidden = [t.update(GROUND) for _ in range(20)]
+    assert all(e.lost and e.score < 0.1 for e in hidden[1:])
+    assert all(np.array_equal(e.box, held) for e in hidden[1:])
+    back = [t.update(scene((190, 100))) for _ in range(12)]
+    assert iou(back[-1].box, (190, 100, 40, 40)) > 0.7
+    assert not back[-1].lost and back[-1].score > 0.5
+
+
+def test_without_recovery_it_stays_where_it_lost_the_target():
+    t = started(replace(SURE, recovery=None))
+    for _ in range(20):
+        assert t.update(GROUND).lost
+    for _ in range(12):
+        far = t.update(scene((190, 100)))
+    assert far.lost and iou(far.box, (190, 100, 40, 40)) == 0
+
+
+def test_the_search_window_grows_while_lost_and_shrinks_when_found():
+    t = started()
+    usual = t.update(scene(START[:2])).search[2]
+    grown = [t.update(GROUND).search[2] for _ in range(30)]
+    assert grown[0] == usual
+    assert grown[29] > grown[15] > usual
+    for _ in range(4):
+        found = t.update(scene(START[:2]))
+    assert found.search[2] == pytest.approx(usual, rel=0.1)
+
+
+def test_looks_are_bounded():
+    class Counts(Averages):
+        most = 0
+
+        def __call__(self, patches: np.ndarray) -> np.ndarray:
+            self.most = max(self.most, len(patches))
+            return super().__call__(patches)
+
+    trunk = Counts()
+    config = replace(SURE, recovery=RecoveryConfig(looks=3))
+    t = Tracker(config, trunk)
+    t.init(scene(START[:2]), START)
+    t.update(scene(START[:2]))
+    trunk.most = 0
+    for _ in range(40):
+        t.update(GROUND)
+    assert trunk.most == 3 + 1 + 3  # three sizes, the box that is held, and three places
+
+
+def test_nothing_is_learned_while_lost():
+    t = started(replace(SURE, update=UpdateConfig(rate=0.5, min_score=0.0)))
+    t.update(GROUND)
+    t.update(GROUND)
+    before = t._targets[0].template.copy()
+    for _ in range(5):
+        assert t.update(GROUND).lost
+    np.testing.assert_array_equal(t._targets[0].template, before)
+
+
+def test_the_ground_of_the_first_frame_is_not_the_target():
+    t = started()
+    places = [60 + 5 * k for k in range(30)]
+    for x in places:
+        t.update(scene((x, 100)))
+    assert iou(t.boxes[0], (places[-1], 100, 40, 40)) > 0.6
+    for _ in range(25):
+        estimate = t.update(GROUND)
+    assert estimate.lost and iou(estimate.box, START) == 0
+
+
+def search(**values: object) -> Search:
+    config = RecoveryConfig(**values)  # type: ignore[arg-type]
+    return Search(np.array([100.0, 100, 40, 40]), config)
+
+
+@pytest.mark.parametrize(("jump", "held"), [(0.3, True), (1.0, False)])
+def test_a_stronger_likeness_elsewhere_is_not_jumped_to(jump: float, held: bool):
+    window = around((100, 100, 40, 40), WindowConfig())
+    found = search(jump=jump, leeway=0.3)
+    response = 0.5 * cf.label(18, 0.7) + 0.7 * np.roll(cf.label(18, 0.7), 5, axis=1)
+    peak = cf.peak(response, found.likely(found.held, window, 18))
+    assert (abs(peak.dx) < 0.5) == held
+    assert peak.height == pytest.approx(0.5 if held else 0.7, abs=0.05)
+
+
+def test_a_target_that_moves_as_expected_is_not_doubted():
+    window = around((100, 100, 40, 40), WindowConfig())
+    moving = search()
+    for _ in range(20):
+        moving.follow(np.array([20.0, 0]))  # 3 cells
+    weights = moving.likely(moving.held, window, 18)
+    assert weights is not None
+    assert np.unravel_index(weights.argmax(), weights.shape) == (9, 12)
+    assert weights.max() == pytest.approx(1)
+
+
+def test_the_likeliest_place_is_the_highest_peak_over_its_ground():
+    windows = [around((x, 100, 40, 40), WindowConfig()) for x in (100, 300)]
+    responses = np.stack([0.9 + 0 * cf.label(18, 0.7), np.roll(cf.label(18, 0.7), 3, axis=0)])
+    box = likeliest(responses, windows, np.array([30.0, 50]))
+    np.testing.assert_allclose(boxes.centre(box), [320, 140], atol=0.1)
+    assert box[2:].tolist() == [30, 50]
+
+
+def test_places_are_inside_the_picture_and_all_are_seen_in_turn():
+    lost = search(looks=4, growth=1)
+    for _ in range(10):
+        lost.decide(False)
+    seen = [lost.places((320, 240)) for _ in range(12)]
+    assert all(len(places) == 5 for places in seen)
+    centres = np.array([boxes.centre(box) for places in seen for box in places])
+    assert (centres >= -26).all() and (centres <= [346, 266]).all()
+    assert np.hypot(*(centres - [120, 120]).T).max() > 150
+    assert len(np.unique(centres, axis=0)) > 30
+
+
+def test_a_glimpse_does_not_count_as_found():
+    lost = search(confirm=3)
+    lost.decide(False)
+    states = []
+    for found in (True, True, False, True, True, True):
+        lost.decide(found)
+        states.append(lost.lost)
+    assert states == [True, True, True, True, True, False]
+
+
+def test_a_model_with_a_spread_knows_sigma_without_a_policy():
+    t = started(replace(SURE, spread=Weights(bias=-3, first=-1)))
+    sure = t.update(scene(START[:2])).sigma
+    assert sure is not None and sure.shape == (4,)
+    assert (0 < sure).all() and (sure < 0.06 * 40).all()
+    unsure = t.update(GROUND).sigma
+    assert unsure is not None and (unsure > sure).all()
+
+
+def test_a_change_of_resolution_while_lost_scales_what_is_held():
+    t = started()
+    for _ in range(3):
+        t.update(GROUND)
+    large = t.update(np.repeat(np.repeat(GROUND, 2, 0), 2, 1))
+    np.testing.assert_allclose(large.box, 2 * np.array(START), atol=6)
