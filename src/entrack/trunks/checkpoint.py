@@ -13,7 +13,8 @@ from safetensors.torch import save as in_bytes
 from torch import Tensor, nn
 
 from entrack.errors import EntrackError
-from entrack.files import write_bytes
+from entrack.files import write_bytes, writing
+from entrack.trunks.curves import Curves
 
 Optimisers = torch.optim.Optimizer | Mapping[str, torch.optim.Optimizer]
 
@@ -70,33 +71,35 @@ class Log:
         self.path = folder / f"{name}.csv"
         self._drop_rows_from(resume_at)
         try:
-            from torch.utils.tensorboard.writer import SummaryWriter
-
-            self.board = SummaryWriter(str(folder / "tensorboard" / name), purge_step=resume_at)
+            self.curves = Curves(folder / "tensorboard" / name, resume_at)
         except ImportError:
-            self.board = None
+            self.curves = None
 
     def write(self, step: int, values: Mapping[str, float]) -> None:
         """Add the row of `step`."""
         row = {"step": step} | {k: round(v, 6) for k, v in values.items()}
-        fresh = not self.path.exists()
-        with self.path.open("a", newline="") as file:
-            writer = csv.DictWriter(file, list(row), lineterminator="\n")
-            if fresh:
-                writer.writeheader()
-            writer.writerow(row)
-        if self.board:
+        with writing(self.path):
+            fresh = not self.path.exists()
+            with self.path.open("a", newline="") as file:
+                writer = csv.DictWriter(file, list(row), lineterminator="\n")
+                if fresh:
+                    writer.writeheader()
+                writer.writerow(row)
+        if self.curves:
             for key, value in values.items():
-                self.board.add_scalar(key, value, step)
+                self.curves.add(key, value, step)
 
     def _drop_rows_from(self, step: int) -> None:
         """Rows after the last checkpoint are written again when a run resumes."""
         if not self.path.exists():
             return
-        head, *rows = self.path.read_text().splitlines(keepends=True)
-        whole = [row for row in rows if row.endswith("\n")]  # the last may be torn
-        kept = [row for row in whole if int(row.split(",")[0]) <= step]
-        write_bytes(self.path, "".join([head, *kept]).encode())
+        lines = self.path.read_text().splitlines(keepends=True)
+        whole = [line for line in lines if line.endswith("\n")]  # the last may be torn
+        if not whole:
+            return self.path.unlink()
+        head, *rows = whole
+        kept = [row for row in rows if int(row.split(",")[0]) <= step]
+        return write_bytes(self.path, "".join([head, *kept]).encode())
 
 
 def claim(folder: Path, config: Mapping[str, Any], resume: bool) -> None:
