@@ -227,6 +227,7 @@ def run_clips(
                     why = f"{clip.files[0]} is not there: do all machines see its folder?"
                     event = replace(event, kind="failed", value=why)
             if event.kind == "failed":
-                clip.failed.parent.mkdir(parents=True, exist_ok=True)
+                with writing(clip.failed):
+                    clip.failed.parent.mkdir(parents=True, exist_ok=True)
                 write_bytes(clip.failed, f"{event.value}\n".encode())
             yield event

@@ -25,7 +25,7 @@ from entrack.evaluation.raw import Results
 from entrack.evaluation.request import Entry
 from entrack.evaluation.score import Row, score
 from entrack.evaluation.unit import Unit, run_unit
-from entrack.files import write_bytes
+from entrack.files import write_bytes, writing
 from entrack.model import SHIPPED
 from entrack.peers import parse_all
 
@@ -208,7 +208,8 @@ def _events(units: list[Unit], options: Options) -> Generator[Event]:
 
 
 def _fail(unit: Unit, why: str) -> None:
-    unit.folder.mkdir(parents=True, exist_ok=True)
+    with writing(unit.folder):
+        unit.folder.mkdir(parents=True, exist_ok=True)
     write_bytes(unit.failed, f"{why}\n".encode())
 
 
