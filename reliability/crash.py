@@ -21,6 +21,9 @@ from reliability.commands import COMMANDS, Good, material
 from reliability.figures import parser, tell
 
 
+_TURN = 10  # kills of a command before it is another's turn
+
+
 class Kills(NamedTuple):
     """What came of killing one command."""
 
@@ -58,28 +61,37 @@ def crash(name: str, good: Good, kills: int, place: Path, seed: int = 0) -> Kill
     return Kills(killed, amid, ends, wrong)
 
 
+def _words(k: Kills) -> str:
+    return f"{k.killed} kills ({k.amid} amid writing), {k.ends} ends"
+
+
 def main() -> int:
     words = parser(__doc__)
     words.add_argument("--kills", type=int, default=50)
     words.add_argument("--only", nargs="*", choices=list(COMMANDS), default=list(COMMANDS))
     words.add_argument("--seed", type=int, default=0)
     given = words.parse_args()
-    figures: dict[str, Any] = {}
-    wrong: list[str] = []
+    totals = {name: Kills(0, 0, 0, []) for name in given.only}
     with tempfile.TemporaryDirectory() as folder:
         data = material(Path(folder) / "data")
-        for name in given.only:
-            place = Path(folder) / name
-            good = Good(name, data, place)
-            found = crash(name, good, given.kills, place, given.seed)
-            figures[name] = (
-                f"{found.killed} kills ({found.amid} amid writing), {found.ends} ends, "
-                f"{good.seconds:.1f} s a run"
-            )
+        goods: dict[str, Good] = {}
+        # In turns, so that whoever stops it early has some kills of every command.
+        while min(total.killed for total in totals.values()) < given.kills:
+            name = min(totals, key=lambda n: totals[n].killed)
+            before, place = totals[name], Path(folder) / name / f"after{totals[name].killed}"
+            if name not in goods:
+                goods[name] = Good(name, data, Path(folder) / name)
+            place.mkdir()
+            seed = 1000 * given.seed + before.killed
+            found = crash(name, goods[name], min(_TURN, given.kills - before.killed), place, seed)
+            total = totals[name] = Kills(*(a + b for a, b in zip(before, found, strict=True)))
             print(
-                f"  {name}: {figures[name]}, {len(found.wrong)} faults", file=sys.stderr, flush=True
+                f"  {name}: {_words(total)}, {len(total.wrong)} faults", file=sys.stderr, flush=True
             )
-            wrong += found.wrong
+            for sentence in found.wrong:
+                print(f"    {sentence}", file=sys.stderr, flush=True)
+    figures: dict[str, Any] = {name: _words(total) for name, total in totals.items()}
+    wrong = [sentence for total in totals.values() for sentence in total.wrong]
     return tell("crash", figures, wrong, given.out)
 
 
