@@ -20,7 +20,6 @@ from typing import Any, NamedTuple
 from reliability.commands import COMMANDS, Good, material
 from reliability.figures import parser, tell
 
-
 _TURN = 10  # kills of a command before it is another's turn
 
 

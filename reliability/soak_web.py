@@ -103,7 +103,7 @@ async def visit(
                         any(t.startswith(last) for t in visitor.texts)  # noqa: B023
                         and visitor.sees(labelled("Track"))
                     ),
-                    600,
+                    900,
                 )
                 found = boxes((await visitor.fetch("CSV")).decode())
                 if found.shape != truth.shape or np.abs(found - truth).max() > 0.01:

@@ -135,7 +135,7 @@ class Visitor:
         """What stands on the page."""
         return [str(e["text"]) for e in self.elements.values() if e.get("text")]
 
-    async def until(self, what: Callable[[], object], seconds: float = 120) -> None:
+    async def until(self, what: Callable[[], object], seconds: float = 300) -> None:
         """Wait until something holds."""
         async with asyncio.timeout(seconds):
             while not what():
