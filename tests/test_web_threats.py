@@ -5,6 +5,7 @@ import contextlib
 import html
 import http.client
 import json
+import time
 from collections.abc import Awaitable, Callable, Generator
 from pathlib import Path
 from urllib.parse import urlsplit
@@ -177,6 +178,19 @@ def test_a_flood_of_messages_holds_nobody_up(server: Server, video: bytes) -> No
 
     server.visit(act)
     assert resident(server.pid) - before < 150
+
+
+def test_a_visitor_who_is_silent_for_a_while_keeps_the_page(server: Server, video: bytes) -> None:
+    """As a browser on a machine that is busy: no answer to what the server asks, for 8 s."""
+
+    async def act(visitor: Visitor) -> None:
+        assert await visitor.upload("clip.mp4", video) == 200
+        await visitor.until(lambda: visitor.sees(of_class("stage")))
+        time.sleep(8)  # nothing of this program runs
+        await visitor.drag((0.2, 0.3, 0.5, 0.6))
+        await visitor.until(lambda: any("Press Track" in text for text in visitor.texts))
+
+    server.visit(act)
 
 
 def test_several_visitors_at_once_get_what_is_theirs(tmp_path: Path) -> None:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from typing import Any
 
-from nicegui import app, ui
+from nicegui import app, core, ui
 from starlette.middleware.trustedhost import TrustedHostMiddleware
 
 from entrack.errors import EntrackError
@@ -15,6 +15,7 @@ from entrack.web.guard import Guard
 LOOPBACK = ("127.0.0.1", "localhost")
 _REMEMBERED = 60  # messages, to be sent again after an interruption; they hold pictures
 _SPARE = 1_000_000  # bytes that an upload's form may have around the file
+_SILENCE = 60.0  # seconds that a browser may say nothing, on a machine that has no time for it
 _MESSAGE = 1_000_000  # bytes of a websocket's message; the page's are of a few hundred
 
 
@@ -52,6 +53,7 @@ def serve(
     app.add_middleware(Guard, largest=megabytes * 1_000_000 + _SPARE)
     ready(f"http://{f'[{host}]' if ':' in host else host}:{port}")
     ui.page("/")(page)
+    app.on_startup(_bear_silence)
     ui.run(
         host=host,
         port=port,
@@ -65,9 +67,15 @@ def serve(
         uvicorn_logging_level="error",
         ws_per_message_deflate=False,  # most of what is sent are JPEGs; and nothing is inflated
         ws_max_size=_MESSAGE,
+        ws_ping_timeout=_SILENCE,
         message_history_length=_REMEMBERED,
         timeout_graceful_shutdown=1,
     )
+
+
+def _bear_silence() -> None:
+    """NiceGUI gives up a page that is silent for 2 s; one that is closed says so."""
+    core.sio.eio.ping_timeout = _SILENCE  # pyright: ignore[reportUnknownMemberType]
 
 
 @contextmanager
