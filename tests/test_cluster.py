@@ -125,6 +125,16 @@ def test_a_cluster_that_cannot_do_it_is_refused(cluster):
         on_ray([1], threads=64)
 
 
+def test_a_ray_that_does_not_start_is_one_sentence(cluster, monkeypatch):
+    def too_slow(*args, **options):
+        raise Exception("The current node timed out during startup.")
+
+    monkeypatch.setattr(ray, "is_initialized", lambda: False)
+    monkeypatch.setattr(ray, "init", too_slow)
+    with pytest.raises(EntrackError, match="Ray did not start on this machine: The current node"):
+        list(run_on_cluster(stub_trackers.square, [1], "local"))
+
+
 def test_a_machine_that_is_lost_has_its_units_done_by_others(tmp_path):
     """Runs last: it starts a cluster of two machines of its own."""
     from ray.cluster_utils import Cluster

@@ -41,14 +41,14 @@ def assert_same_boxes(model: object, out: Path, frames, box) -> None:
     assert k == len(frames) - 1
 
 
-def paper(folder: Path) -> Path:
+def paper(folder: Path, joint: bool) -> Path:
     """A model of the paper's kind: box windows, one size, a linear policy of random weights."""
     from safetensors.numpy import save_file
 
     from test_policy import untrained
 
     shipped = load_model("cf")
-    policy, *_ = untrained("linear", 256)
+    policy, *_ = untrained("linear", 256, joint=joint)
     weights = {**policy.head.w}
     folder.mkdir()
     save_file({k: 0.02 * w for k, w in weights.items()}, folder / "policy.safetensors")
@@ -60,9 +60,10 @@ def paper(folder: Path) -> Path:
     return folder
 
 
-@pytest.mark.parametrize("name", ["cf", "policy", "paper"])
+@pytest.mark.parametrize("name", ["cf", "policy", "paper", "joint"])
 def test_the_demo_clip_is_tracked_as_by_the_python_tracker(tmp_path: Path, name: str):
-    model = paper(tmp_path / "model") if name == "paper" else name
+    made = name in ("paper", "joint")
+    model = paper(tmp_path / "model", name == "joint") if made else name
     clip = VideoFrames(assets() / "demo" / "clip.mp4", 390)
     box = np.loadtxt(assets() / "demo" / "clip.txt", delimiter=",")[0]
     assert_same_boxes(model, tmp_path / "out", [clip[k] for k in range(25)], box)
@@ -82,18 +83,33 @@ def test_the_program_needs_no_entrack(tmp_path: Path):
     code += "runpy.run_path(sys.argv[0], run_name='__main__')"
     said = subprocess.run([sys.executable, "-c", code, *words], capture_output=True, text=True)
     assert len(said.stdout.splitlines()) == 389, said.stderr
-    assert (tmp_path / "README.md").read_text().count("| `") == 8
+    lines = (tmp_path / "track.py").read_text().splitlines()
+    assert sum(bool(line) for line in lines) < 46  # to be read and changed by whoever embeds it
+
+
+@pytest.mark.parametrize("name", ["cf-baseline", "policy"])
+def test_the_card_names_every_input_and_output(tmp_path: Path, name: str):
+    step = exported(name, tmp_path).STEP
+    card = (tmp_path / "README.md").read_text()
+    names = [value.name for value in (*step.get_inputs(), *step.get_outputs())]
+    assert [n for n in names if f"`{n}`" not in card] == []
+    assert ("sigma" in names) == (name == "policy") == ("`sigma`" in card)
 
 
 def test_updates_that_the_step_does_not_know_are_refused(tmp_path: Path, capsys):
     shipped = load_model("cf")
-    for k, update in enumerate((UpdateConfig(every=2), UpdateConfig(seen="shifted"))):
+    changes = (
+        {"update": UpdateConfig(every=2)},
+        {"update": UpdateConfig(seen="shifted")},
+        {"scale": ScaleConfig(every=2)},
+    )
+    for k, change in enumerate(changes):
         folder = tmp_path / str(k)
         folder.mkdir()
-        config = replace(shipped.config, update=update)
+        config = replace(shipped.config, **change)
         save_model(folder, "quick", "", config, shipped.trunk, None)
         assert main(["export", str(folder), "--out", str(tmp_path / "out")]) == 1
-        assert "only 1 and 'again' can be exported" in capsys.readouterr().err
+        assert "only 1, 'again' and 1 can be exported" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
 
 

@@ -154,4 +154,7 @@ def _join(ray: Any, address: str, cpus: int | None) -> None:
             if address != "auto":
                 raise EntrackError(f"there is no Ray cluster at {address}: {error}") from error
     here = {"include_dashboard": False, "_node_ip_address": "127.0.0.1"}
-    ray.init("local", num_cpus=cpus, **here, **quiet)
+    try:
+        ray.init("local", num_cpus=cpus, **here, **quiet)
+    except Exception as error:  # Ray's own: it waits 30 seconds, which a busy machine may exceed
+        raise EntrackError(f"Ray did not start on this machine: {error}") from error

@@ -2,7 +2,7 @@
 
 `trunk.onnx` makes features of patches; `step.onnx` is all that follows until the box, as a pure
 function: what is remembered goes in, and comes out. The first frame needs no graph of its own: a
-`rate` of 1 replaces the template.
+memory of zeros means that there was none.
 
 Each function here is one of `entrack.filter`, `state` or `policy` in torch, by the same name and in
 the same order, on the same weights: who changes one there changes it here, and the tests compare
@@ -40,13 +40,14 @@ def export_model(model: Model, out: Path) -> list[Path]:
     Raises
     ------
     EntrackError
-        If the model learns its template in a way that the exported step does not know.
+        If the model saves passes of the trunk in a way that the exported step does not know.
     """
     require("onnx", "train")
-    update = model.config.update
-    if update.every != 1 or update.seen != "again":
-        found = f"update.every = {update.every} and update.seen = {update.seen!r}"
-        raise EntrackError(f"{model.name} has {found}; only 1 and 'again' can be exported")
+    update, scale = model.config.update, model.config.scale
+    if update.every != 1 or update.seen != "again" or scale.every != 1:
+        found = f"update.every = {update.every}, update.seen = {update.seen!r}"
+        found += f" and scale.every = {scale.every}"
+        raise EntrackError(f"{model.name} has {found}; only 1, 'again' and 1 can be exported")
     out.mkdir(parents=True, exist_ok=True)
     policy = None
     if model.policy and model.config.policy:
@@ -60,24 +61,18 @@ def export_model(model: Model, out: Path) -> list[Path]:
     facts = {
         "model": model.name,
         "checksum": model.checksum,
-        "policy": policy is not None,
         "size": config.window.size,
         "context": config.window.context,
         "square": config.window.shape == "square",
         "border": config.window.border,
         "zooms": (config.scale.factor ** np.arange(-half, half + 1.0)).tolist(),
-        "rate": config.update.rate,
-        "min_score": config.update.min_score,
-        "smallest": config.limits.smallest,
-        "largest": config.limits.largest,
-        "places": PLACES,
     }
     write_bytes(out / "model.json", (json.dumps(facts, indent=1) + "\n").encode())
     shutil.copyfile(assets() / "export" / "track.py.txt", out / "track.py")
     text = _CARD.format(
         name=model.name, size=config.window.size, n=step.n, c=channels, k=config.scale.steps,
-        memory=_MEMORY.format(c=channels, n=step.n) if step.remembers or step.compares else "",
-        sigma=_SIGMA if policy else "",
+        memory=_MEMORY if step.keeps_first else "", sigma=_SIGMA if policy else "", places=PLACES,
+        without=_WITHOUT if config.recovery else "",
     )  # fmt: skip
     write_bytes(out / "README.md", text.encode())
     return [out / n for n in ("trunk.onnx", "step.onnx", "model.json", "track.py", "README.md")]
@@ -125,16 +120,45 @@ class Step(nn.Module):
             self.register_buffer(name, torch.from_numpy(np.array(array, np.float32)))
         self.compares = config.score.compares
         self.remembers = policy is not None and isinstance(policy.f1, Conditioned)
+        self.keeps_first = self.remembers or self.compares
         weights = {} if policy is None else _weights(policy, n)
         self.w = {name: torch.from_numpy(np.array(w, np.float32)) for name, w in weights.items()}
 
     def forward(
-        self, features: Tensor, template: Tensor, rate: Tensor, held: Tensor,
-        first: Tensor, roi: Tensor,
+        self, features: Tensor, box: Tensor, image: Tensor, first_size: Tensor, template: Tensor,
+        score: Tensor, first: Tensor, roi: Tensor,
     ) -> tuple[Tensor, ...]:  # fmt: skip
         """See the card that `export_model` writes."""
+        config, new = self.config, (first_size[0] == 0).float()
+        # Pixels in float64, as the tracker has them; in float32, boxes on 1 / 256 pixel are exact.
+        box, image, first_size = box.double(), image.double(), first_size.double()
+        size = box[2:]
+        first_size = first_size + new * size
+        side = size.prod().sqrt().expand(2) if config.window.shape == "square" else size
+        window = side * config.window.context
+        share = (size / window).float()
+        roi = roi + new * torch.cat([0.5 - share / 2, share])
+        first = first + new * features[0]
+        learn = config.update.rate * (score >= config.update.min_score).float()
+        rate = torch.maximum(new, learn)
         template = (1 - rate) * template + rate * (features[0] * self.taper)  # eq. 14
-        responses = self.respond(template, features[1:] * self.taper)
+        held = torch.cat([share, (size / first_size).log().float()])
+        move, score, *sigma = self.answer(template, features[1:], held, first, roi)
+        centre = box[:2] + size / 2 + move[:2].double() * window
+        centre = torch.minimum(centre.clamp_min(0), image)
+        size, limits = size * move[2:].double(), config.limits
+        size = torch.minimum(size, limits.largest * first_size)
+        size = torch.maximum(size, limits.smallest * first_size)
+        centre, size = (torch.round(v * PLACES) / PLACES for v in (centre, size))
+        box = torch.cat([centre - size / 2, size])
+        memory = [first_size.float(), template, score] + ([first, roi] if self.keeps_first else [])
+        return box.float(), *sigma, *memory
+
+    def answer(
+        self, template: Tensor, features: Tensor, held: Tensor, first: Tensor, roi: Tensor
+    ) -> list[Tensor]:
+        """How far the box moves and grows (4,), in windows and sizes; the score; maybe σ."""
+        responses = self.respond(template, features * self.taper)
         heights = responses.amax((1, 2))
         best = (heights * self.penalties).argmax(0, keepdim=True)
         zoom, scale = self.zooms[best], self.config.scale
@@ -145,12 +169,12 @@ class Step(nn.Module):
             offset = torch.stack([dx, dy]) * zoom / self.n
             size = torch.cat([growth, growth])
             evidence = {"peak": height, "psr": psr}
-            evidence |= self.compared(features[1:][best][0], first, roi, held, zoom, offset, size)
-            return template, torch.cat([offset, size]), self.score(evidence)
+            evidence |= self.compared(features[best][0], first, roi, held, zoom, offset, size)
+            return [torch.cat([offset, size]), self.score(evidence)]
         middle = self.config.scale.steps // 2
-        response, z = responses[middle], features[1 + middle]
+        response = responses[middle]
         _, _, height, psr = self.peak(response)
-        mean, log_std = self.act(z, response, held, first, roi)
+        mean, log_std = self.act(features[middle], response, held, first, roi)
         reach = self.policy.config.reach
         action = reach * torch.tanh(mean)
         log_std = log_std.clamp(*LOG_STD)
@@ -159,9 +183,8 @@ class Step(nn.Module):
         low, high = torch.minimum(low, high), torch.maximum(low, high)
         offset, size = (low + high) / 2 * held[:2], self.temper(high - low, growth)
         evidence = {"peak": height, "psr": psr, "sigma": sigma.log().mean()}
-        evidence |= self.compared(z, first, roi, held, 1.0, offset, size)
-        score = self.score(evidence)
-        return template, torch.cat([offset, size]), score, sigma
+        evidence |= self.compared(features[middle], first, roi, held, 1.0, offset, size)
+        return [torch.cat([offset, size]), self.score(evidence), sigma]
 
     def temper(self, size: Tensor, searched: Tensor) -> Tensor:
         """`Tracker._acted`: how much of the change of size is the scale search's."""
@@ -272,6 +295,8 @@ class Step(nn.Module):
         if not self.remembers:  # state.Linear, policy.LinearHead
             z = (w["f1.weight"] @ features.flatten(1)).flatten() + w["f1.bias"]
             m = (w["resize"] @ response @ w["resize"].T).flatten()
+            if w["mean.weight"].shape == w["log_std.weight"].shape:
+                z = m = torch.cat([z, m])
             mean = w["mean.weight"] @ z + w["mean.bias"]
             return mean, w["log_std.weight"] @ m + w["log_std.bias"]
         z = self.conditioned(features, response, held, self.sample_grid(first, roi))
@@ -355,27 +380,33 @@ def _channels(trunk: Path) -> int:
 
 def _write_step(step: Step, c: int, path: Path) -> None:
     n, k = step.n, step.config.scale.steps
-    sizes = {
-        "features": (1 + k, c, n, n), "template": (c, n, n), "rate": (), "held": (4,),
-        "first": (c, n, n), "roi": (4,),
+    shapes = {
+        "features": (1 + k, c, n, n), "box": (4,), "image": (2,), "first_size": (2,),
+        "template": (c, n, n), "score": (), "first": (c, n, n), "roi": (4,),
     }  # fmt: skip
-    outputs = ["template_out", "move", "score"] + (["sigma"] if step.policy else [])
-    values = tuple(torch.rand(size) for size in sizes.values())
+    remembered = ["first_size", "template", "score"] + (
+        ["first", "roi"] if step.keeps_first else []
+    )
+    outputs = ["box_out"] + (["sigma"] if step.policy else []) + [f"{m}_out" for m in remembered]
+    values = tuple(torch.rand(shape) for shape in shapes.values())
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         torch.onnx.export(
-            step.eval(), values, str(unfinished(path)), input_names=list(sizes),
+            step.eval(), values, str(unfinished(path)), input_names=list(shapes),
             output_names=outputs, opset_version=17, dynamo=False,
         )  # fmt: skip
     unfinished(path).replace(path)
 
 
-_MEMORY = """| `first` | float32 ({c}, {n}, {n}) | Z of the first frame's window |
-| `roi` | float32 (4,) | the first box in that window: x, y, w, h in shares of its side |
+_MEMORY = """| `first` | `first_out` | Z of the first frame's window |
+| `roi` | `roi_out` | float32 (4,): the first box in that window, x, y, w, h in shares of its side |
 """
-_SIGMA = (
-    "| `sigma` | float32 (4,) | standard deviation of left, top, right, bottom, in box sizes |\n"
-)
+_SIGMA = """
+`sigma`, float32 (4,): standard deviation of the left, top, right and bottom side, in units of the last box's size.
+"""
+_WITHOUT = """
+
+What the model does when it is in doubt, `[config.recovery]`, is not in these files: they follow the target as the same model without it."""
 _CARD = """# {name}, exported by entrack
 
 `python track.py VIDEO X,Y,W,H` prints a box and a score a frame; it needs numpy, OpenCV and
@@ -385,20 +416,16 @@ onnxruntime, no entrack, and says in a few lines how the files are used. `model.
 in: float32 (N, 3, {size}, {size}), BGR pixels in [0, 255]; out: float32 (N, {c}, {n}, {n}), Z.
 
 ## step.onnx: filter and policy, a pure function
-| input | | |
+| input | output | |
 |---|---|---|
-| `features` | float32 ({k} + 1, {c}, {n}, {n}) | Z of the window at the last box in the last frame, then of this frame's windows, one for each of `zooms` |
-| `template` | float32 ({c}, {n}, {n}) | `template_out` of the call before; zeros in the first |
-| `rate` | float32 () | 1 in the first call; then `rate` of model.json, or 0 if the last score was below `min_score` |
-| `held` | float32 (4,) | last box's width and height in shares of the window's; logarithms of both in units of the first box's |
+| `features` | | float32 ({k} + 1, {c}, {n}, {n}): Z of the window at the last box in the last frame, then of this frame's windows, one for each of `zooms` |
+| `box` | `box_out` | float32 (4,): x, y, w, h in pixels, in the last frame and in this one; centre and size are multiples of 1 / {places} |
+| `image` | | float32 (2,): width and height of the frame |
+| `score` | `score_out` | float32 (): in [0, 1], how sure it is that the box overlaps the target |
+| `first_size` | `first_size_out` | float32 (2,): width and height of the first box |
+| `template` | `template_out` | float32 ({c}, {n}, {n}): X of eq. 14 |
 {memory}
-| output | | |
-|---|---|---|
-| `template_out` | float32 ({c}, {n}, {n}) | goes in again |
-| `move` | float32 (4,) | by how much of the window's (zoom 1) width and height the centre moves; what width and height are multiplied by |
-| `score` | float32 () | in [0, 1]: the box overlaps the target |
+Everything from `score` on is memory: zeros in the first call, then what came out of the call before.
 {sigma}
-Centre and size are rounded to 1 / `places` pixel, which keeps the last bits of a float from growing to other boxes.
-
-An input that a model does not need is not in its graph: `session.get_inputs()` lists them. The mean action is taken, never a sample.
+The mean action is taken, never a sample.{without}
 """
