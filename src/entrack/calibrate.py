@@ -248,8 +248,8 @@ def fit_spread(seen: Sightings) -> dict[str, float]:
 
 def _named(weights: Floats) -> dict[str, float]:
     """For a model's file: `weights` (K + 1,), the last of them the bias."""
-    pairs = zip((*SIGNALS, "bias"), weights.tolist(), strict=True)
-    return {name: round(value, 4) for name, value in pairs}
+    *rest, bias = (round(value, 4) for value in weights.tolist())
+    return {"bias": bias, **dict(zip(SIGNALS, rest, strict=True))}
 
 
 def _left_out(seen: Sightings) -> Floats:
