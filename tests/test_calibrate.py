@@ -44,6 +44,27 @@ def test_signals_that_tell_all_or_nothing_keep_weights_finite():
     assert p[:9].max() < 0.1 and p[11:].min() > 0.9
 
 
+def test_a_signal_that_would_count_the_wrong_way_is_left_out():
+    rng = np.random.default_rng(2)
+    signals = np.zeros((4000, len(cal.SIGNALS)))
+    names = [cal.SIGNALS.index(name) for name in ("peak", "first", "rival", "gone")]
+    signals[:, names] = rng.normal(0, 1, (4000, 4))
+    z = signals[:, names] @ [-1, 2, -1, 1]
+    weights, _ = cal.fit_score(signals, rng.random(4000) < 1 / (1 + np.exp(-z)))
+    assert weights[names[0]] == 0
+    assert weights[names[1:]] == pytest.approx([2, -1, 1], rel=0.3)
+
+
+def test_the_regression_of_sigma_has_its_share_below_the_line():
+    rng = np.random.default_rng(3)
+    x = rng.normal(0, 1, (5000, 2))
+    y = 1 + x @ [2, 0] + rng.normal(0, 1, 5000) * np.exp(x[:, 1] / 4)
+    *weights, bias = cal.quantile(x, y, 0.683)
+    assert np.mean(y <= x @ weights + bias) == pytest.approx(0.683, abs=0.01)
+    assert weights[0] == pytest.approx(2, abs=0.1)
+    assert bias == pytest.approx(1.48, abs=0.1)  # 0.476 standard deviations over the mean
+
+
 def test_every_weight_of_the_score_has_its_signal():
     settings = {"bias", "lost_below", "found_above"}
     assert {field.name for field in fields(ScoreConfig)} - settings == set(cal.SIGNALS)
@@ -127,8 +148,9 @@ def test_the_command_writes_a_model_that_stands_alone(footage, tmp_path, capsys)
     before, after = load_model("cf"), load_model(out)
     assert after.trunk.parent == out
     assert f"peak = {after.config.score.peak}" in said.out
-    unfitted = replace(before.config, score=after.config.score)
-    assert after.config == unfitted and after.config != before.config
+    assert after.config.spread is not None and f"bias = {after.config.spread.bias}" in said.out
+    fitted = {"score": after.config.score, "spread": after.config.spread}
+    assert after.config == replace(before.config, **fitted) and after.config != before.config
     assert entrack.load(out, threads=1).config == after.config
     assert main(words) == 2
     assert f"{out} holds a model already" in capsys.readouterr().err

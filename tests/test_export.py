@@ -14,6 +14,7 @@ from entrack.config import PolicyConfig, ScaleConfig, UpdateConfig, WindowConfig
 from entrack.datasets import open_dataset
 from entrack.datasets.frames import VideoFrames
 from entrack.model import assets, load_model, save_model
+from entrack.tracker import Tracker
 
 pytest.importorskip("torch")
 pytest.importorskip("onnxruntime")
@@ -32,7 +33,9 @@ def exported(model: object, out: Path):
 
 
 def assert_same_boxes(model: object, out: Path, frames, box) -> None:
+    """Those of the tracker that does not search for a lost target."""
     tracker = entrack.load(str(model), engine="onnxruntime")
+    tracker = Tracker(replace(tracker.config, recovery=None), tracker.trunk, tracker.policy)
     tracker.init(frames[0], box)
     for k, (found, score) in enumerate(exported(model, out).track(frames, box), 1):
         estimate = tracker.update(frames[k])

@@ -86,6 +86,22 @@ def test_a_run_leaves_a_model_that_tracks_and_a_log(trained):
     assert "no two frames" in training.failed["nothing"]
 
 
+def test_the_last_step_fits_the_score_and_switches_the_search_on(
+    trained, clips: Path, tmp_path: Path
+):
+    _, run, _ = trained
+    config = tmp_path / "finished.toml"
+    config.write_text(
+        TINY.replace("rounds = 2", "rounds = 0") + "[finish]\nmade = 1\nframes = 12\n"
+    )
+    training = train(config, clips, tmp_path / "run")
+    before, after = load_model(run / "model").config, load_model(tmp_path / "run" / "model").config
+    assert "score" not in training.failed
+    assert after.recovery is not None and after.spread is not None and after.update.min_score == 0.3
+    assert after.score.bias != before.score.bias
+    assert after.policy == before.policy and before.recovery is None
+
+
 @pytest.mark.xdist_group("ray")
 def test_episodes_played_on_ray_make_the_same_policy(trained, clips: Path, tmp_path: Path):
     pytest.importorskip("ray", reason="Ray is not installed: pip install 'entrack[cluster]'")

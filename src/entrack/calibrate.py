@@ -32,6 +32,9 @@ _LEAST_ERROR = 1e-3  # of a box's size: smaller ones are in the annotation
 
 SIGNALS = tuple(f.name for f in fields(Weights) if f.name != "bias")
 """What score and σ are made of; 0 where a model does not have a signal."""
+_SIGNS = {"peak": 1, "psr": 1, "first": 1, "rival": -1, "same": 1, "sigma": -1}
+"""Which way a signal may count for a score. A weight of the other sign is an accident of the
+footage, such as a look-alike that is followed for long, and does harm on any other."""
 
 
 @dataclass(frozen=True)
@@ -211,7 +214,7 @@ def fit(seen: Sightings) -> Calibration:
             f"{what} of {len(hits)} has IoU > .5: a score is fitted to footage in which the target "
             "is both held and lost"
         )
-    weights, bias = logistic(seen.signals, hits)
+    weights, bias = fit_score(seen.signals, hits)
     many = len(np.unique(seen.groups))
     return Calibration(
         _named(np.append(weights, bias)),
@@ -224,6 +227,18 @@ def fit(seen: Sightings) -> Calibration:
     )
 
 
+def fit_score(signals: Floats, hits: Flags) -> tuple[Floats, float]:
+    """Weights (K,) and bias of the score, without the signals that would count the wrong way."""
+    signs = np.array([_SIGNS.get(name, 0) for name in SIGNALS])
+    used = np.ones(len(SIGNALS), bool)
+    while True:
+        weights, bias = logistic(np.where(used, signals, 0), hits)
+        wrong = weights * signs * signals.std(axis=0)
+        if wrong.min() >= 0:
+            return weights, bias
+        used[wrong.argmin()] = False
+
+
 def fit_spread(seen: Sightings) -> dict[str, float]:
     """Weights of log σ, below which lie 68 % of the distances of sides from the true ones."""
     known = np.isfinite(seen.errors).all(axis=1)
@@ -233,8 +248,8 @@ def fit_spread(seen: Sightings) -> dict[str, float]:
 
 def _named(weights: Floats) -> dict[str, float]:
     """For a model's file: `weights` (K + 1,), the last of them the bias."""
-    pairs = zip((*SIGNALS, "bias"), weights.tolist(), strict=True)
-    return {name: round(value, 4) for name, value in pairs}
+    *rest, bias = (round(value, 4) for value in weights.tolist())
+    return {"bias": bias, **dict(zip(SIGNALS, rest, strict=True))}
 
 
 def _left_out(seen: Sightings) -> Floats:
@@ -245,7 +260,7 @@ def _left_out(seen: Sightings) -> Floats:
     scores = np.zeros(len(of_frame))
     for k in np.unique(fold):
         out = of_frame == k
-        weights, bias = logistic(seen.signals[~out], seen.hits[~out])
+        weights, bias = fit_score(seen.signals[~out], seen.hits[~out])
         known = np.where(weights != 0, seen.signals[out], 0)
         scores[out] = _chance(known @ weights + bias)
     return scores

@@ -138,9 +138,10 @@ class RecoveryConfig:
     Sizes are √(width × height) of the last box that it was sure of.
     """
 
-    leeway: float = Field(default=0.3, gt=0)
-    """Sizes by which a target moves otherwise than expected without being doubted."""
-    jump: float = Field(default=0.5, ge=0, le=1)
+    leeway: float = Field(default=0.2, gt=0)
+    """Sizes by which a target moves otherwise than expected without being doubted; more, if it has
+    done so before."""
+    jump: float = Field(default=0.2, ge=0, le=1)
     """How much the response counts where the target would have to jump to; 1 never doubts it."""
     sure_above: float = Field(default=0.5, ge=0, le=1)
     """Score from which on a box is remembered as the place to come back to, and held."""

@@ -118,7 +118,9 @@ class Search:
     confirmed: int = 0
     """Frames in a row in which it seemed to be found."""
     step: NDArray[np.float64] = field(default_factory=lambda: np.zeros(2))
-    """How the target's centre moves from frame to frame, a running mean (2,) in pixels."""
+    """How the target's centre moves from frame to frame, a running mean (2,) in pixels …"""
+    unrest: float = 0.0
+    """… and how far from that it is found, a slower one."""
     visited: dict[tuple[int, int], int] = field(default_factory=dict[tuple[int, int], int])
     """When each place was looked at last."""
 
@@ -140,6 +142,7 @@ class Search:
 
     def follow(self, step: NDArray[np.float64]) -> None:
         """Hear how far the centre has moved (2,)."""
+        self.unrest += (math.hypot(*(step - self.step)) - self.unrest) / 10
         self.step = (self.step + step) / 2
 
     def likely(self, box: Boxes, window: Window, n: int) -> cf.Features | None:
@@ -150,7 +153,8 @@ class Search:
         if self.config is None or self.lost:
             return None
         place = (boxes_.centre(box) + self.step - (window.x, window.y)) * n / (window.w, window.h)
-        leeway = self.config.leeway * n * math.sqrt(box[2] * box[3] / (window.w * window.h))
+        leeway = self.config.leeway * math.sqrt(box[2] * box[3]) + 2 * self.unrest
+        leeway *= n / math.sqrt(window.w * window.h)
         near = np.exp(-(_away(n, place) ** 2).sum(axis=0) / (2 * leeway**2))
         return (self.config.jump + (1 - self.config.jump) * near).astype(np.float32)
 

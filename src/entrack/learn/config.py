@@ -7,6 +7,7 @@ from pydantic.dataclasses import dataclass
 
 from entrack.config import Config, PolicyConfig
 from entrack.learn.env import EpisodeConfig
+from entrack.learn.finish import FinishConfig
 from entrack.learn.sac import SACConfig
 from entrack.learn.warm import WarmConfig
 from entrack.trunks.pairs import PairConfig
@@ -86,6 +87,8 @@ class TrainConfig:
     """Rounds in which the policy stays as it is, until the critic knows something."""
     check_every: int = Field(default=10, ge=1)
     """Rounds between two looks at the validation clips."""
+    finish: FinishConfig | None = None
+    """The last step; None leaves score and σ as they are."""
 
     @property
     def first_seed(self) -> int:

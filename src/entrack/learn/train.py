@@ -12,13 +12,15 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from entrack.config import Config, read
+import entrack
+from entrack.config import read
 from entrack.errors import EntrackError
 from entrack.evaluation.cluster import run_on_cluster
 from entrack.evaluation.pool import Event, run_units
 from entrack.files import copy, write_bytes
 from entrack.learn.bank import CHUNK, Chunk, load_bank, make_chunk, principal
 from entrack.learn.config import TrainConfig
+from entrack.learn.finish import finish
 from entrack.learn.linear import learner
 from entrack.learn.material import Source, gather
 from entrack.learn.networks import (
@@ -31,6 +33,7 @@ from entrack.learn.networks import (
 )
 from entrack.learn.replay import Episode, Replay
 from entrack.learn.rollout import Rollout, read_episode, roll_out
+from entrack.learn.store import kept
 from entrack.learn.warm import warm_start
 from entrack.model import Model, assets, save_model
 from entrack.trunks import checkpoint
@@ -328,15 +331,17 @@ class Training:
         copy(self.base.trunk, folder / "trunk.onnx")
         copy(self._policy_path(self.config.rounds), folder / "policy.safetensors")
         text = "Filter, state and a policy learned by maximum-entropy reinforcement learning."
-        config: Config = self.config.tracker
-        save_model(
-            folder,
-            self.config.name,
-            text,
-            config,
-            folder / "trunk.onnx",
-            folder / "policy.safetensors",
-        )
+        files = folder / "trunk.onnx", folder / "policy.safetensors"
+        save_model(folder, self.config.name, text, self.config.tracker, *files)
+        if self.config.finish:
+            self.report("score", 0, 1, {})
+            tracker, clips = entrack.load(folder), kept(self.run / "clips", self.checks)
+            try:
+                config = finish(tracker, clips, self.config.finish)
+                save_model(folder, self.config.name, text, config, *files)
+            except EntrackError as error:
+                self.failed["score"] = str(error)
+            self.report("score", 1, 1, {})
         return folder
 
 

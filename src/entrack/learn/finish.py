@@ -1,0 +1,50 @@
+"""The last step of a training: fit score and σ of what was learned, and say what to do in doubt."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+from pydantic import ConfigDict, Field
+from pydantic.dataclasses import dataclass
+
+from entrack.calibrate import configured, fit_tracker
+from entrack.config import Config, RecoveryConfig, Weights
+from entrack.datasets.sequence import Sequence
+from entrack.datasets.synthetic import hard_plan, hard_sequence
+from entrack.tracker import Tracker
+
+
+@dataclass(frozen=True, config=ConfigDict(extra="forbid"))
+class FinishConfig:
+    """What score and σ are fitted to besides the validation clips, and how the model ships."""
+
+    made: int = Field(default=24, ge=0)
+    """Synthetic sequences with occlusions, exits and look-alikes."""
+    seed: int = Field(default=9000, ge=60)
+    """Seed of the first of them; those below 60 are for tests."""
+    frames: int = Field(default=150, ge=2)
+    """Frames of each sequence and clip."""
+    min_score: float = Field(default=0.3, ge=0, le=1)
+    """See `UpdateConfig`; while a policy learns, it sees what its own mistakes lead to."""
+    recovery: RecoveryConfig | None = Field(default_factory=RecoveryConfig)
+    """See `Config`."""
+
+
+def finish(tracker: Tracker, clips: list[Sequence], config: FinishConfig) -> Config:
+    """The configuration of a tracker that knows how sure it is.
+
+    Raises
+    ------
+    EntrackError
+        If there is nothing to learn from: it never loses its target, or always.
+    """
+
+    def sequences() -> Iterator[Sequence]:
+        yield from clips
+        for name, plan in hard_plan(config.made, config.seed):
+            yield hard_sequence(name, plan)
+
+    update = replace(tracker.config.update, min_score=config.min_score)
+    wanted = replace(tracker.config, update=update, recovery=config.recovery)
+    found = fit_tracker(configured(tracker, wanted), sequences, config.frames)
+    score = replace(wanted.score, **found.weights)
+    return replace(wanted, score=score, spread=Weights(**found.spread))
