@@ -46,8 +46,12 @@ def writing(path: Path) -> Generator[None, None, None]:
 def write_bytes(path: Path, data: bytes) -> None:
     """Write a whole file, or leave the one that was there."""
     with writing(path):
-        unfinished(path).write_bytes(data)
-        unfinished(path).replace(path)
+        try:
+            unfinished(path).write_bytes(data)
+            unfinished(path).replace(path)
+        except OSError:
+            unfinished(path).unlink(missing_ok=True)  # half a file would only fill a full disk
+            raise
 
 
 def copy(source: Path, path: Path) -> None:

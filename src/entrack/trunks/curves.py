@@ -26,11 +26,11 @@ class Curves:
 
     def __init__(self, folder: Path, resume_at: int) -> None:
         from tensorboard.compat.proto.event_pb2 import (  # pyright: ignore[reportMissingImports]
-            Event,  # pyright: ignore[reportUnknownVariableType]
-            SessionLog,  # pyright: ignore[reportUnknownVariableType]
+            Event,  # pyright: ignore
+            SessionLog,  # pyright: ignore
         )
         from tensorboard.summary.writer.record_writer import (  # pyright: ignore[reportMissingImports]
-            RecordWriter,  # pyright: ignore[reportUnknownVariableType]
+            RecordWriter,  # pyright: ignore
         )
 
         self._event: Any = Event
