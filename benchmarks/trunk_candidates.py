@@ -47,7 +47,7 @@ CANDIDATES = {
 }
 SIZES = {"wide-224": 224, "wide-192": 192}
 """Sides of the patches that are not 288: distilled as "wide", which must come first."""
-CROPS, PAIRS = 16_000, 2_400
+CROPS, PAIRS = 10_000, 1_600
 STARTS, FRAMES = (0, 50, 100, 150), 70
 PRESETS = assets().parent / "presets"
 
