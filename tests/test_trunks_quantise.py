@@ -13,9 +13,10 @@ torch = pytest.importorskip("torch")
 pytest.importorskip("onnxruntime")
 
 from entrack.errors import EntrackError
-from entrack.trunk import load_trunk
+from entrack.trunk import ENGINES, load_trunk
 from entrack.trunks.export import export
 from entrack.trunks.info import inspect
+from entrack.trunks.networks import StudentConfig
 from entrack.trunks.quantise import QuantiseConfig, agreement, quantise
 from trunk_files import picture, student, write_trunk
 
@@ -145,3 +146,12 @@ def test_cpus_without_vnni_say_the_same(int8: Path, tmp_path: Path):
         found.append(np.load(out))
     error = np.square(found[0] - found[1]).mean() / np.square(found[0]).mean()
     assert error < 5e-5
+
+
+def test_separable_blocks_whose_shortcut_is_used_again_run_on_both_engines(
+    pictures: list[np.ndarray], tmp_path: Path
+):
+    shape = StudentConfig(widths=(16, 16, 16), depths=(1, 2, 2), block="separable")
+    exact = write_trunk(tmp_path / "float.onnx", shape)
+    lenient = QuantiseConfig(calibration=8, check=4, cosine=0.5, response=0.5)
+    assert set(quantise(exact, pictures, tmp_path / "int8.onnx", lenient)) == set(ENGINES)
