@@ -4,7 +4,7 @@ PYTHON ?= python3
 BASE := .venv/base
 DEV := .venv/dev
 
-.PHONY: demo test lint types docs audit clean fuzz faults crash disk soak soak-web
+.PHONY: demo test lint types docs audit clean fuzz guided faults crash disk soak soak-web compat
 
 demo: $(BASE)/.installed
 	$(BASE)/bin/entrack demo --out out/demo
@@ -28,6 +28,14 @@ audit: $(DEV)/.installed
 # The long forms of the tests of reliability: a line of figures and out/reliability/NAME.json each.
 fuzz faults crash disk soak soak-web: $(DEV)/.installed
 	OPENCV_LOG_LEVEL=SILENT $(DEV)/bin/python -m reliability.$(subst -,_,$@)
+
+guided: $(DEV)/.installed
+	$(DEV)/bin/pip install --quiet atheris
+	OPENCV_LOG_LEVEL=SILENT $(DEV)/bin/python -m reliability.guided
+
+compat: $(DEV)/.installed
+	$(DEV)/bin/pip install --quiet uv
+	$(DEV)/bin/python -m reliability.compat
 
 $(BASE)/.installed: pyproject.toml
 	$(PYTHON) -m venv $(BASE)

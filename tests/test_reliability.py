@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from reliability.compat import ALL_AT_ONCE, boxes, same
 from reliability.corpus import FAULTS, GOOD, write
 from reliability.faults import look
 from reliability.fuzz import attempt, fuzz, guarded
@@ -107,6 +108,17 @@ time.sleep(0.5)  # what is started in a thread
     assert (tmp_path / "boxes.csv").exists(), said.stderr
     assert "unasked" not in said.stdout
     assert not (tmp_path / "intel").exists()  # where OpenVINO keeps the number that it reports
+
+
+def test_the_same_boxes_on_one_thread_without_home_and_locale_in_a_folder_of_any_name(
+    tmp_path: Path,
+) -> None:
+    odd = tmp_path / "with space, é and 漢字"
+    odd.mkdir()
+    expected, said = boxes(Path(sys.executable), tmp_path)
+    assert len(expected) == 12, said
+    found = boxes(Path(sys.executable), odd, ALL_AT_ONCE, "--threads", "1")
+    assert same(found, expected) == []
 
 
 @pytest.mark.parametrize("name", ["trunk.xml", "trunk.pkl", "policy.pt"])
