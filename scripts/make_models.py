@@ -10,6 +10,7 @@ DESCRIPTIONS = {
     "default": "What `entrack track` uses: the correlation filter with three sizes.",
     "policy": "The filter of cf, the state of eqs. 4-6, and a learned policy.",
     "cf": "The correlation filter with three sizes, eqs. 1-3 and 14.",
+    "quick": "The filter of cf with few passes of the trunk on smaller patches, for many objects.",
     "cf-baseline": "The paper's CF.Baseline: the correlation filter, the size stays.",
 }
 
