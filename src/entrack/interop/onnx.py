@@ -400,5 +400,7 @@ in: float32 (N, 3, {size}, {size}), BGR pixels in [0, 255]; out: float32 (N, {c}
 {sigma}
 Centre and size are rounded to 1 / `places` pixel, which keeps the last bits of a float from growing to other boxes.
 
+Nothing here searches for a target that is lost, as the Python tracker may: act on a low score as your application needs.
+
 An input that a model does not need is not in its graph: `session.get_inputs()` lists them. The mean action is taken, never a sample.
 """
