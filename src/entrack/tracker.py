@@ -376,7 +376,7 @@ class Tracker:
         spread = self.config.spread
         if spread is None or target.look is None:
             return answer.sigma
-        return np.tile(target.told[2:], 2) * math.exp(spread.total(target.look.evidence))
+        return np.tile(target.told[2:], 2) * math.exp(min(spread.total(target.look.evidence), 9))
 
     def _learn(self, target: Target, seen: cf.Features) -> None:
         """Eq. 14. No frame needs Ŵ before the next one's response, so X' shares its trunk batch."""

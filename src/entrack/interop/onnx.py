@@ -427,5 +427,7 @@ in: float32 (N, 3, {size}, {size}), BGR pixels in [0, 255]; out: float32 (N, {c}
 {memory}
 Everything from `score` on is memory: zeros in the first call, then what came out of the call before.
 {sigma}
+Nothing here searches for a target that is lost, as the Python tracker may: act on a low score as your application needs.
+
 The mean action is taken, never a sample.{without}
 """
