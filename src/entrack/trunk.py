@@ -163,8 +163,8 @@ def for_onnxruntime(path: Path) -> bytes:
         if restore.op_type != "DequantizeLinear" or restore.input[0] not in makers:
             continue
         rounding = makers[restore.input[0]]
-        if makers[rounding.input[0]].op_type != "Conv":
-            continue  # the shortcut came first
+        if sum(restore.output[0] in node.input for node in graph.node) > 1:
+            continue  # the shortcut came first, and the convolution is made of it
         # A range that begins at zero is a ReLU, too, and has to stay.
         if onnx.numpy_helper.to_array(constants[rounding.input[2]]) > 0:
             total.input[0] = rounding.input[0]
