@@ -18,8 +18,9 @@ def ablate(
     name: Annotated[
         str,
         typer.Argument(
-            metavar="alpha|critic|inputs|warmstart|template|termination|changes",
-            help="What is varied.",
+            metavar="GRID",
+            help="What is varied: alpha, critic, inputs, warmstart, template, termination; or "
+            "changes, each made alone.",
         ),
     ],
     data: Annotated[

@@ -41,7 +41,7 @@ GRIDS: dict[str, Grid] = {
         {f"{a:g}": auc for a, auc in _TABLE_4.items()},
     ),
     "critic": Grid(
-        "Hidden layers of Q and V (row 11)",
+        "Hidden layers of Q and V",
         "linear",
         {
             "linear": {"sac.hidden": ()},
@@ -50,7 +50,7 @@ GRIDS: dict[str, Grid] = {
         },
     ),
     "inputs": Grid(
-        "What the policy sees (rows 9 and 10)",
+        "What the policy sees",
         "μ(z), σ(m)",
         {
             "μ(z), σ(m)": {"joint": False, "tracker.policy.f1": "linear", "warm": None},
@@ -59,12 +59,12 @@ GRIDS: dict[str, Grid] = {
         },
     ),
     "warmstart": Grid(
-        "Behaviour cloning before soft actor-critic (row 23)",
+        "Behaviour cloning before soft actor-critic",
         "none",
         {"none": {"warm": None}, "warm, then SAC": {}, "warm only": {"rounds": 0}},
     ),
     "template": Grid(
-        "The template in training (row 18)",
+        "The template in training",
         "oracle",
         {
             "oracle": {"episode.oracle": 1.0},
@@ -73,7 +73,7 @@ GRIDS: dict[str, Grid] = {
         },
     ),
     "termination": Grid(
-        "When an episode ends, and what missing costs (row 22)",
+        "When an episode ends, and what missing costs",
         "first miss, −1",
         {
             "first miss, −1": {"episode.patience": 1, "episode.tau": 0.5, "episode.miss": -1.0},
