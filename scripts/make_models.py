@@ -7,7 +7,7 @@ from entrack.config import Config, read
 from entrack.model import SHIPPED, assets, save_model
 
 DESCRIPTIONS = {
-    "default": "What `entrack track` uses: the correlation filter with three sizes.",
+    "default": "What `entrack track` uses: the model policy, and a search for what is lost.",
     "policy": "The filter of cf, the state of eqs. 4-6, and a learned policy.",
     "cf": "The correlation filter with three sizes, eqs. 1-3 and 14.",
     "quick": "The filter of cf with few passes of the trunk on smaller patches, for many objects.",
@@ -20,7 +20,7 @@ def main() -> None:
     for name in SHIPPED:
         config = read(Config, presets / f"{name}.toml")
         folder = assets() / "models" / name
-        policy = folder / "policy.safetensors" if config.policy else None
+        policy = assets() / "models" / "policy" / "policy.safetensors" if config.policy else None
         trunk = assets() / "trunk" / "trunk.onnx"
         save_model(folder, name, DESCRIPTIONS[name], config, trunk, policy)
         print(f"wrote {folder / 'model.toml'}")
