@@ -32,6 +32,7 @@ validation = ["b"]
 steps = 1
 [tracker.policy]
 f1 = "linear"
+reach = 0.05
 [episode]
 frames = [4, 6]
 [sac]
