@@ -7,8 +7,9 @@ from entrack.config import Config, read
 from entrack.model import SHIPPED, assets, save_model
 
 DESCRIPTIONS = {
-    "default": "What `entrack track` uses: the model policy, and a search for what is lost.",
-    "policy": "The filter of cf, the state of eqs. 4-6, and a learned policy.",
+    "default": "What `entrack track` uses: the filter of cf and a learned policy, eqs. 1-7 and 14.",
+    "policy": "The same as default, by its older name.",
+    "longterm": "The model default, and a search for a target that is lost.",
     "cf": "The correlation filter with three sizes, eqs. 1-3 and 14.",
     "quick": "The filter of cf with few passes of the trunk on smaller patches, for many objects.",
     "cf-baseline": "The paper's CF.Baseline: the correlation filter, the size stays.",
