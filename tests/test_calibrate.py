@@ -140,13 +140,13 @@ def footage(tmp_path_factory):
 
 def test_the_command_writes_a_model_that_stands_alone(footage, tmp_path, capsys):
     out = tmp_path / "mine"
-    words = ["calibrate", "cf", "--data", footage, "--out", str(out)]
+    words = ["calibrate", "longterm", "--data", footage, "--out", str(out)]
     assert main(words) == 0
     said = capsys.readouterr()
     assert "[config.score]\nbias = " in said.out and "# before: expected" in said.out
     passes = ["1/4 hidden", "2/4 plain", "3/4 hidden", "4/4 plain"]  # it searches, so twice
     assert said.err.splitlines() == passes
-    before, after = load_model("cf"), load_model(out)
+    before, after = load_model("longterm"), load_model(out)
     assert after.trunk.parent == out
     assert f"peak = {after.config.score.peak}" in said.out
     assert after.config.spread is not None and f"bias = {after.config.spread.bias}" in said.out
@@ -158,7 +158,7 @@ def test_the_command_writes_a_model_that_stands_alone(footage, tmp_path, capsys)
 
 
 def test_sequences_can_be_chosen(footage, tmp_path, capsys):
-    words = ["calibrate", "cf", "--data", footage, "--out", str(tmp_path / "out")]
+    words = ["calibrate", "longterm", "--data", footage, "--out", str(tmp_path / "out")]
     assert main([*words, "--only", "nothing"]) == 2
     assert "no sequence nothing" in capsys.readouterr().err
     assert main([*words, "--only", "plain"]) == 2

@@ -89,7 +89,7 @@ def test_sigma_is_drawn_where_the_model_tells_it(
     clip: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     plain, spread = tmp_path / "plain.svg", tmp_path / "spread.svg"
-    call = ["explain", clip, "--box", BOX, "--frame", "2", "--model", "cf", "--out"]
+    call = ["explain", clip, "--box", BOX, "--frame", "2", "--model", "cf-baseline", "--out"]
     assert main([*call, str(plain)]) == 0
     update = entrack.Tracker.update_many
 

@@ -15,8 +15,8 @@ from entrack.model import SHIPPED, assets, load_model
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
     """A copy of the shipped model that may be damaged."""
-    copy = tmp_path / "models" / "default"
-    shutil.copytree(assets() / "models" / "default", copy)
+    copy = tmp_path / "models" / "cf"
+    shutil.copytree(assets() / "models" / "cf", copy)
     shutil.copytree(assets() / "trunk", tmp_path / "trunk")
     return copy
 
@@ -33,11 +33,11 @@ def test_every_shipped_model_tracks(name: str):
 
 
 def test_a_folder_is_a_model(folder: Path):
-    assert load_model(folder).config == load_model("default").config
+    assert load_model(folder).config == load_model("cf").config
 
 
 def test_unknown_models_are_refused():
-    with pytest.raises(EntrackError, match="no model nonsense: expected default, cf"):
+    with pytest.raises(EntrackError, match="no model nonsense: expected default, longterm, cf"):
         load_model("nonsense")
 
 
