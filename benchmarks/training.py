@@ -27,7 +27,7 @@ SHORT = {
 
 
 def processor_seconds() -> float:
-    """Processor time of this process and of all that it started, directly or not."""
+    """Processor time of this process and of all that it started, ended ones included."""
     parents: dict[int, int] = {}
     seconds: dict[int, float] = {}
     for path in Path("/proc").glob("[0-9]*/stat"):
@@ -37,7 +37,7 @@ def processor_seconds() -> float:
             continue  # it has just ended
         pid = int(path.parent.name)
         parents[pid] = int(fields[1])
-        seconds[pid] = sum(map(int, fields[11:13])) / os.sysconf("SC_CLK_TCK")
+        seconds[pid] = sum(map(int, fields[11:15])) / os.sysconf("SC_CLK_TCK")
 
     def ours(pid: int) -> bool:
         return pid == os.getpid() or (pid in parents and ours(parents[pid]))
