@@ -19,7 +19,8 @@ DESCRIPTIONS = {
 def main() -> None:
     presets = assets().parent / "presets"
     for name in SHIPPED:
-        config = read(Config, presets / f"{name}.toml")
+        preset = "default" if name == "policy" else name
+        config = read(Config, presets / f"{preset}.toml")
         folder = assets() / "models" / name
         policy = assets() / "models" / "policy" / "policy.safetensors" if config.policy else None
         trunk = assets() / "trunk" / "trunk.onnx"

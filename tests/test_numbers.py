@@ -53,7 +53,7 @@ def tracker(name: str) -> Tracker:
     return entrack.load(name, threads=1)
 
 
-@pytest.mark.parametrize("name", ["default", "policy", "cf-baseline"])
+@pytest.mark.parametrize("name", ["default", "longterm", "cf", "cf-baseline"])
 @pytest.mark.parametrize("content", CONTENTS)
 def test_no_number_leaves_the_tracker_that_is_none(name: str, content: str) -> None:
     """In a picture that stands still, moves by a pixel, jumps, and becomes another one."""
@@ -64,7 +64,7 @@ def test_no_number_leaves_the_tracker_that_is_none(name: str, content: str) -> N
         check(tracker(name).update(frame))
 
 
-@pytest.mark.parametrize("name", ["default", "policy"])
+@pytest.mark.parametrize("name", ["default", "cf"])
 def test_a_target_that_moves_by_a_pixel_is_followed(name: str) -> None:
     image = one_colour()
     tracker(name).init(image, BOX)
@@ -115,7 +115,7 @@ def test_the_shipped_policy_in_single_precision_is_that_in_double() -> None:
 
     from entrack.trunk import load_trunk
 
-    model = load_model("policy")
+    model = load_model("default")
     assert model.policy is not None and model.config.policy is not None
     double = {name: w.astype(np.float64) for name, w in load_file(model.policy).items()}
     policies = load_policy(model.policy, model.config.policy), Policy(model.config.policy, double)
@@ -136,7 +136,7 @@ def test_the_shipped_policy_in_single_precision_is_that_in_double() -> None:
     np.testing.assert_allclose(said[0].log_std, said[1].log_std, atol=1e-3)
 
 
-@pytest.mark.parametrize("name", ["default", "policy"])
+@pytest.mark.parametrize("name", ["default", "cf"])
 def test_once_more_says_the_same_bits_and_two_threads_the_same_boxes(name: str) -> None:
     with open_source(assets() / "demo" / "clip.mp4", stop=6) as source:
         images = [frame.image for frame in source]

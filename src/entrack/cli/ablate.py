@@ -7,6 +7,7 @@ import typer
 
 from entrack.cli.console import checking_call, new_app, stages
 from entrack.cli.many import ManyValues
+from entrack.cli.train import Cutouts, Stills
 from entrack.errors import require
 from entrack.files import writing
 
@@ -50,16 +51,8 @@ def ablate(
         list[str] | None, typer.Option(metavar="CELL...", help="Only these cells.")
     ] = None,
     model: Annotated[str, typer.Option(metavar="MODEL", help="Whose trunk the cells get.")] = "cf",
-    stills: Annotated[
-        Path | None,
-        typer.Option(metavar="DIR", exists=True, file_okay=False, help="Pictures of anything."),
-    ] = None,
-    cutouts: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="DIR", exists=True, file_okay=False, help="Folder to cut from; see train."
-        ),
-    ] = None,
+    stills: Stills = None,
+    cutouts: Cutouts = None,
     workers: Annotated[int, typer.Option(min=1, help="Processes that play and track.")] = 2,
     resume: Annotated[bool, typer.Option("--resume", help="Go on where DIR was stopped.")] = False,
 ) -> None:

@@ -12,6 +12,21 @@ from entrack.files import writing
 app = new_app()
 
 
+Stills = Annotated[
+    Path | None,
+    typer.Option(metavar="DIR", exists=True, file_okay=False, help="Pictures of anything."),
+]
+Cutouts = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="DIR",
+        exists=True,
+        file_okay=False,
+        help="Folder with train/, masks/ and images/ to cut from.",
+    ),
+]
+
+
 @app.command()
 def train(
     data: Annotated[
@@ -24,19 +39,8 @@ def train(
     model: Annotated[
         str, typer.Option(metavar="MODEL", help="Whose trunk the new model gets.")
     ] = "cf",
-    stills: Annotated[
-        Path | None,
-        typer.Option(metavar="DIR", exists=True, file_okay=False, help="Pictures of anything."),
-    ] = None,
-    cutouts: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="DIR",
-            exists=True,
-            file_okay=False,
-            help="Folder with train/, masks/ and images/ to cut from.",
-        ),
-    ] = None,
+    stills: Stills = None,
+    cutouts: Cutouts = None,
     seed: Annotated[int | None, typer.Option(min=0, help="Instead of the configuration's.")] = None,
     workers: Annotated[
         int | None,
