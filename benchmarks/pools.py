@@ -25,6 +25,11 @@ BAR = 0.85
 LOCAL, RUNNING = "local processes", "Ray, running before"
 
 
+def _wake() -> None:
+    """A task that only starts its worker."""
+    time.sleep(0.1)
+
+
 @contextmanager
 def cluster(workers: int) -> Iterator[None]:
     """Ray on this machine, ready to work."""
@@ -33,7 +38,7 @@ def cluster(workers: int) -> Iterator[None]:
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
     quiet = {"include_dashboard": False, "log_to_driver": False, "logging_level": "ERROR"}
     ray.init("local", num_cpus=workers, _node_ip_address="127.0.0.1", **quiet)
-    ray.get([ray.remote(time.sleep).remote(0.1) for _ in range(workers)])
+    ray.get([ray.remote(_wake).remote() for _ in range(workers)])
     yield
     ray.shutdown()
 
