@@ -114,17 +114,36 @@ def test_episodes_played_on_ray_make_the_same_policy(trained, clips: Path, tmp_p
 
 def test_a_stopped_run_resumes_to_the_same_bits(trained, clips: Path, tmp_path: Path):
     config, run, _ = trained
+    stopped(config, clips, tmp_path / "run")
+    assert not (tmp_path / "run" / "model").exists()
+    train(config, clips, tmp_path / "run", resume=True)
+    same_bits(run, tmp_path / "run")
+
+
+def test_a_run_with_a_warm_start_resumes_to_the_same_bits(clips: Path, tmp_path: Path):
+    config = tmp_path / "warm.toml"
+    learned = "[bank]\nlooks = 100\nmade = 0.0\n[warm]\nsteps = 2\nbatch = 8\nwidth = 16\n"
+    config.write_text(TINY.replace("linear", "conditioned") + learned)
+    train(config, clips, tmp_path / "whole")
+    stopped(config, clips, tmp_path / "run")
+    train(config, clips, tmp_path / "run", resume=True)
+    same_bits(tmp_path / "whole", tmp_path / "run")
+
+
+def stopped(config: Path, clips: Path, run: Path) -> None:
+    """Train until the first round is over."""
 
     def stop(stage: str, step: int, steps: int, values: dict[str, float]) -> None:
         if stage == "policy" and step == 1:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        train(config, clips, tmp_path / "run", report=stop)
-    assert not (tmp_path / "run" / "model").exists()
-    train(config, clips, tmp_path / "run", resume=True)
+        train(config, clips, run, report=stop)
+
+
+def same_bits(one: Path, other: Path) -> None:
     for name in "model/policy.safetensors", "sac.csv":
-        assert (tmp_path / "run" / name).read_bytes() == (run / name).read_bytes()
+        assert (one / name).read_bytes() == (other / name).read_bytes()
 
 
 def test_a_run_of_another_configuration_is_refused(trained, clips: Path, tmp_path: Path):

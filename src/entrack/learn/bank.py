@@ -26,7 +26,7 @@ KEYS = ("features", "points", "response", "box", "held")
 
 @dataclass(frozen=True)
 class Chunk:
-    """So many looks, by their number: the work of one unit."""
+    """`CHUNK` looks at most, by their number: the work of one unit."""
 
     index: int
     folder: Path
@@ -46,6 +46,11 @@ class Chunk:
     def path(self) -> Path:
         """The chunk's file."""
         return self.folder / f"{self.index:05d}.npz"
+
+    @property
+    def looks(self) -> int:
+        """How many it has: the last one has what is left."""
+        return min(CHUNK, self.config.looks - self.index * CHUNK)
 
 
 class Source:
@@ -97,7 +102,7 @@ def principal(chunk: Chunk, pairs: int = 400) -> None:
     source, trunk = tools(chunk)
     rng = np.random.default_rng([chunk.seed, 3])
     cells: list[NDArray[np.float32]] = []
-    for _ in range(pairs):
+    for _ in range(min(pairs, chunk.config.looks)):
         pair = source.draw(rng)
         z = trunk(np.stack([pair.template, pair.search]))
         flat = z.transpose(0, 2, 3, 1).reshape(-1, z.shape[1])
@@ -114,7 +119,7 @@ def principal(chunk: Chunk, pairs: int = 400) -> None:
 
 
 def make_chunk(chunk: Chunk, report: Any = None) -> None:
-    """Look at `CHUNK` pairs as the tracker would, and write what it sees; skip what is there."""
+    """Look at pairs as the tracker would, and write what it sees; skip what is there."""
     if chunk.path.exists():
         return
     source, trunk = tools(chunk)
@@ -125,7 +130,7 @@ def make_chunk(chunk: Chunk, report: Any = None) -> None:
     taper = cf.hann(cells)
     label = cf.spectrum(cf.label(cells, config.filter.label_sigma * cells / config.window.context))
     columns: dict[str, list[NDArray[Any]]] = {key: [] for key in KEYS}
-    for row in range(CHUNK):
+    for row in range(chunk.looks):
         pair = source.draw(np.random.default_rng([chunk.seed, 4, chunk.index, row]))
         template, search = trunk(np.stack([pair.template, pair.search]))
         weights = cf.fit(cf.spectrum(template * taper), label, config.filter.regularisation)
@@ -144,11 +149,13 @@ def make_chunk(chunk: Chunk, report: Any = None) -> None:
 def load_bank(chunks: SequenceOf[Chunk]) -> dict[str, NDArray[Any]]:
     """Read all chunks into memory."""
     bank: dict[str, NDArray[Any]] = {}
-    for position, chunk in enumerate(chunks):
+    total, first = sum(chunk.looks for chunk in chunks), 0
+    for chunk in chunks:
         with np.load(chunk.path) as part:
             for key in KEYS:
                 rows = part[key]
                 if key not in bank:
-                    bank[key] = np.empty((len(chunks) * CHUNK, *rows.shape[1:]), rows.dtype)
-                bank[key][position * CHUNK : (position + 1) * CHUNK] = rows
+                    bank[key] = np.empty((total, *rows.shape[1:]), rows.dtype)
+                bank[key][first : first + chunk.looks] = rows
+        first += chunk.looks
     return bank
