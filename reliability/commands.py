@@ -201,15 +201,12 @@ def material(folder: Path) -> Path:
 
 
 _server = multiprocessing.get_context("forkserver")
-_server.set_forkserver_preload(
-    [
-        f"entrack.{name}"
-        for name in (
-            *("cli.app", "cli.track", "cli.evaluate", "learn.ablate", "report.ablation"),
-            *("trunks.train", "interop.onnx", "peers.opencv", "cli.batching"),
-        )
-    ]
+_OURS = (
+    *("cli.app", "cli.track", "cli.evaluate", "learn.ablate", "report.ablation"),
+    *("trunks.train", "interop.onnx", "peers.opencv", "cli.batching"),
 )
+# An optimiser's first use imports torch._dynamo, most of the time of a small training.
+_server.set_forkserver_preload(["torch._dynamo", *(f"entrack.{name}" for name in _OURS)])
 
 
 class Good:

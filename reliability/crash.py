@@ -1,13 +1,15 @@
 """Kill commands at random moments: a plain second call has to end as if nothing had happened.
 
-    python -m reliability.crash [--kills 50] [--only evaluate track]
+    python -m reliability.crash [--kills 50] [--only evaluate track] [--add]
 
 Each command runs once undisturbed. Then it is started and killed with SIGKILL – itself, or it and
 its workers at once – again and again in one folder, until a call comes to its end; the folder must
 then hold the same results. Then it begins anew in another folder, until it was killed so often.
 After each kill every file that has its own name, and not that of an unfinished one, must be whole.
+Every ten kills are noted in `out/reliability/crash.jsonl`; with --add a call goes on from there.
 """
 
+import json
 import os
 import random
 import signal
@@ -32,6 +34,9 @@ class Kills(NamedTuple):
     ends: int
     """Calls that came to their end and were compared."""
     wrong: list[str]
+
+
+_NONE = Kills(0, 0, 0, [])
 
 
 def crash(name: str, good: Good, kills: int, place: Path, seed: int = 0) -> Kills:
@@ -64,13 +69,33 @@ def _words(k: Kills) -> str:
     return f"{k.killed} kills ({k.amid} amid writing), {k.ends} ends"
 
 
+def noted(log: Path) -> dict[str, Kills]:
+    """What earlier calls have noted of each command."""
+    totals: dict[str, Kills] = {}
+    for line in log.read_text().splitlines() if log.exists() else []:
+        row = json.loads(line)
+        totals[row["name"]] = _sum(totals.get(row["name"], _NONE), Kills(*row["kills"]))
+    return totals
+
+
+def _sum(a: Kills, b: Kills) -> Kills:
+    return Kills(*(x + y for x, y in zip(a, b, strict=True)))
+
+
 def main() -> int:
     words = parser(__doc__)
     words.add_argument("--kills", type=int, default=50)
+    words.add_argument("--add", action="store_true", help="to what earlier calls have noted")
     words.add_argument("--only", nargs="*", choices=list(COMMANDS), default=list(COMMANDS))
     words.add_argument("--seed", type=int, default=0)
     given = words.parse_args()
-    totals = {name: Kills(0, 0, 0, []) for name in given.only}
+    given.out.mkdir(parents=True, exist_ok=True)
+    log: Path = given.out / "crash.jsonl"
+    if not given.add:
+        log.unlink(missing_ok=True)
+    totals = {name: _NONE for name in given.only} | {
+        name: total for name, total in noted(log).items() if name in given.only
+    }
     with tempfile.TemporaryDirectory() as folder:
         data = material(Path(folder) / "data")
         goods: dict[str, Good] = {}
@@ -83,7 +108,9 @@ def main() -> int:
             place.mkdir()
             seed = 1000 * given.seed + before.killed
             found = crash(name, goods[name], min(_TURN, given.kills - before.killed), place, seed)
-            total = totals[name] = Kills(*(a + b for a, b in zip(before, found, strict=True)))
+            total = totals[name] = _sum(before, found)
+            with log.open("a") as lines:
+                lines.write(json.dumps({"name": name, "kills": found}) + "\n")
             print(
                 f"  {name}: {_words(total)}, {len(total.wrong)} faults", file=sys.stderr, flush=True
             )

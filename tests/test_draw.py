@@ -41,6 +41,14 @@ def test_box_is_drawn_on_its_sides_in_the_first_colour() -> None:
     assert not inked(overlay(GREY, [estimate()]))[130:170, 210:270].any()
 
 
+def test_a_smaller_copy_is_drawn_as_the_small_picture_is() -> None:
+    large = np.full((720, 1280, 3), 120, np.uint8)
+    sigma = [4.0, 8.0, 4.0, 8.0]
+    big = estimate((400, 240, 160, 120), sigma=[2 * s for s in sigma])
+    drawn = overlay(large, [big, None], 3, 25.0, (640, 360))
+    np.testing.assert_array_equal(drawn, overlay(GREY, [estimate(sigma=sigma), None], 3, 25.0))
+
+
 def test_objects_differ_in_colour() -> None:
     image = overlay(GREY, [estimate((50, 100, 60, 60)), estimate((400, 100, 60, 60))])
     assert near(image[:, :150], PALETTE[0]).any() and not near(image[:, :150], PALETTE[1]).any()

@@ -1,6 +1,7 @@
 """Sources: every kind of video as frames, and what is said of broken ones."""
 
 import threading
+import weakref
 from fractions import Fraction
 from functools import partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
@@ -63,6 +64,15 @@ def test_video_file_yields_every_frame_with_its_time(tmp_path: Path) -> None:
     for frame in frames:
         assert frame.image.dtype == np.uint8 and frame.image.flags.c_contiguous
         assert np.abs(frame.image.astype(int) - ball(frame.index)[0]).mean() < 6
+
+
+def test_first_frame_is_there_until_it_is_iterated_over_and_then_not_kept(tmp_path: Path) -> None:
+    with open_source(write_clip(tmp_path / "clip.mp4", 3)) as source:
+        first = weakref.ref(source.first)
+        frames = iter(source)
+        assert next(frames) is first()
+        next(frames)
+        assert first() is None
 
 
 def test_variable_frame_rate_keeps_its_times(tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from entrack import EntrackError
-from entrack.video import VideoWriter, open_source
+from entrack.video import VideoWriter, open_source, written_size
 from fakes import SIZE, ball, write_clip
 
 
@@ -64,6 +64,20 @@ def test_odd_sizes_become_even_and_no_pixel_moves(tmp_path: Path) -> None:
         frame = next(iter(source)).image
     assert source.size == (162, 122)
     assert np.abs(frame[:121, :161].astype(int) - image).mean() < 6
+
+
+def test_pictures_beyond_what_browsers_play_are_shrunk_and_keep_their_times(tmp_path: Path) -> None:
+    image = np.zeros((2400, 4800, 3), np.uint8)
+    image[:, 2400:] = 255
+    assert written_size(image) == (4096, 2048)
+    with VideoWriter(tmp_path / "out.mp4") as video:
+        for time in (0, 0.04, 0.5):
+            video.write(image, time)
+    with open_source(tmp_path / "out.mp4") as source:
+        assert source.size == (4096, 2048)
+        frames = list(source)
+    np.testing.assert_allclose([f.time for f in frames], (0, 0.04, 0.5), atol=1e-4)
+    assert frames[0].image[:, :2040].max() < 20 and frames[0].image[:, 2056:].min() > 235
 
 
 def test_frame_of_another_size_is_fitted_between_black_bars(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 import itertools
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import cast
 
 import cv2
@@ -34,6 +35,7 @@ def overlay(
     estimates: Sequence[Estimate | None],
     frame: int | None = None,
     fps: float | None = None,
+    size: tuple[int, int] | None = None,
 ) -> Image:
     """Draw what the tracker says of one frame on a copy of the picture.
 
@@ -48,11 +50,21 @@ def overlay(
         (H, W, 3) uint8 BGR.
     frame, fps
         Written into a corner: the frame's number and the frames a second.
+    size
+        (width, height) of the copy, if it is to be another; the boxes are scaled with it.
     """
-    canvas, width = image.copy(), _line_width(image)
+    height, width = image.shape[:2]
+    if size in (None, (width, height)):
+        canvas, scale = image.copy(), None
+    else:
+        canvas = cast(Image, cv2.resize(image, size, interpolation=cv2.INTER_AREA))
+        scale = np.tile([size[0] / width, size[1] / height], 2)
+    width = _line_width(canvas)
     for number, estimate in enumerate(estimates):
         if estimate is None:  # an object that is not there yet
             continue
+        if scale is not None:
+            estimate = _scaled(estimate, scale)
         colour = PALETTE[number % len(PALETTE)]
         if estimate.sigma is not None:
             _band(canvas, estimate.box, estimate.sigma, colour)
@@ -73,6 +85,11 @@ def overlay(
     if status:
         _caption(canvas, "   ".join(status))
     return canvas
+
+
+def _scaled(estimate: Estimate, scale: NDArray[np.float64]) -> Estimate:
+    sigma = None if estimate.sigma is None else estimate.sigma * scale
+    return replace(estimate, box=estimate.box * scale, search=estimate.search * scale, sigma=sigma)
 
 
 def filmstrip(

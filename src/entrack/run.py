@@ -15,7 +15,7 @@ from entrack.datasets.frames import Image
 from entrack.draw import overlay
 from entrack.pipeline import Behind, ahead
 from entrack.tracker import Estimate, inside
-from entrack.video import Frame, VideoWriter, open_source
+from entrack.video import Frame, VideoWriter, open_source, written_size
 
 
 class ManyTracker(Protocol):
@@ -129,9 +129,9 @@ class Recorder:
         if self._video:
             ms = estimates[0].ms
             self._ms = ms if self._ms is None else 0.9 * self._ms + 0.1 * ms  # readable digits
-            self._video.write(
-                overlay(frame.image, estimates, frame.index, 1e3 / self._ms), frame.time
-            )
+            size = written_size(frame.image)  # a copy of 8K in its own size takes 100 MB
+            drawn = overlay(frame.image, estimates, frame.index, 1e3 / self._ms, size)
+            self._video.write(drawn, frame.time)
 
     @property
     def paths(self) -> list[Path]:

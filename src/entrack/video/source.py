@@ -29,7 +29,7 @@ class Source:
     name
         As a person would call it: a file's name, `camera 0`, an address.
     first
-        The first frame, which iteration yields, too.
+        The first frame, until iteration begins, which yields it, too.
     size
         (width, height) of the first frame. A later frame may have another size.
     fps
@@ -64,7 +64,14 @@ class Source:
             raise EntrackError(f"{name} {found}")
         self.first = first
         self.size = (first.image.shape[1], first.image.shape[0])
-        self._frames = itertools.chain([first], part)
+        self._frames = self._all(part)
+
+    def _all(self, rest: Iterator[Frame]) -> Generator[Frame, None, None]:
+        first = self.first
+        del self.first  # 100 MB of an 8K video are not kept to its end
+        yield first
+        del first
+        yield from rest
 
     def __iter__(self) -> Iterator[Frame]:
         return self._frames

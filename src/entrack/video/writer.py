@@ -19,6 +19,9 @@ _TICK = Fraction(1, 90_000)  # 25 and 29.97 frames a second both come out whole
 # The fastest preset with the two tools that it drops and that pay: as small as "superfast" at half
 # its time. It has no B frames, so fragments begin at time 0.
 _ENCODER = {"preset": "ultrafast", "crf": "22", "x264-params": "cabac=1:deblock=0,0"}
+# Larger than 4K: of such pictures the encoder holds one less (25 MB) if it may ignore how long each
+# is shown, which only steers bit rates that nobody asks for; a second thread would hold more, too.
+_SPARING = {"x264-params": f"{_ENCODER['x264-params']}:force-cfr=1"}
 # While it is written the file is a chain of fragments of a second, each playable: nothing that
 # happens to the program or the disk loses more than the last one.
 _FRAGMENTS = {
@@ -84,14 +87,15 @@ class VideoWriter:
 
     def _new_stream(self, image: Image) -> "VideoStream":
         rate = Fraction(self._fps).limit_denominator(1001)
-        stream = self._file.add_stream("libx264", rate=rate, options=_ENCODER)
-        height, width = image.shape[:2]
-        scale = min(1.0, _LONGEST / max(height, width), (_PIXELS / (height * width)) ** 0.5)
-        stream.height, stream.width = (round(scale * s / 2 + 0.25) * 2 for s in (height, width))
+        width, height = (side + side % 2 for side in written_size(image))
+        large = width * height > 3840 * 2160
+        options = _ENCODER | (_SPARING if large else {})
+        stream = self._file.add_stream("libx264", rate=rate, options=options)
+        stream.width, stream.height = width, height
         stream.pix_fmt = "yuv420p"
         context = stream.codec_context
         context.time_base = _TICK
-        context.thread_type, context.thread_count = "FRAME", 2
+        context.thread_type, context.thread_count = "FRAME", 1 if large else 2
         context.colorspace, context.color_range = 6, 1  # as cvtColor makes it: BT.601, 16–235
         return stream
 
@@ -125,6 +129,19 @@ class VideoWriter:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+
+def written_size(image: Image) -> tuple[int, int]:
+    """(width, height) in which a picture is written: its own, or the largest that browsers play.
+
+    >>> written_size(np.empty((4320, 7680, 3), np.uint8))
+    (4096, 2304)
+    """
+    height, width = image.shape[:2]
+    scale = min(1.0, _LONGEST / max(height, width), (_PIXELS / (height * width)) ** 0.5)
+    if scale == 1:
+        return width, height
+    return max(2, round(scale * width / 2) * 2), max(2, round(scale * height / 2) * 2)
 
 
 def _fitted(image: Image, width: int, height: int) -> Image:

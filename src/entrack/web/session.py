@@ -15,7 +15,7 @@ from entrack.draw import overlay
 from entrack.looks import heat
 from entrack.run import begin
 from entrack.tracker import Estimate, Tracker
-from entrack.video import Frame, VideoWriter
+from entrack.video import Frame, VideoWriter, written_size
 
 
 class Footage(Protocol):
@@ -152,7 +152,8 @@ class Session:
         with VideoWriter(path, self.footage.fps) as video:
             for index in frames:
                 frame = self.footage[index]
-                drawn = overlay(frame.image, known.get(index, []), index)
+                size = written_size(frame.image)
+                drawn = overlay(frame.image, known.get(index, []), index, size=size)
                 video.write(drawn, frame.time)
                 yield (index - frames.start + 1) / len(frames)
 
