@@ -20,11 +20,11 @@ pytest.importorskip("torch")
 pytest.importorskip("onnxruntime")
 
 
-def exported(model: object, out: Path):
+def exported(model: object, out: Path, *words: str):
     """The module track.py of an export."""
     import importlib.util
 
-    assert main(["export", str(model), "--out", str(out)]) == 0
+    assert main(["export", str(model), "--out", str(out), *words]) == 0
     spec = importlib.util.spec_from_file_location("exported_track", out / "track.py")
     assert spec is not None and spec.loader is not None
     module = importlib.util.module_from_spec(spec)
@@ -32,12 +32,15 @@ def exported(model: object, out: Path):
     return module
 
 
-def assert_same_boxes(model: object, out: Path, frames, box) -> None:
+def assert_same_boxes(
+    model: object, out: Path, frames, box, engine: str = "onnxruntime", precision: str = "model"
+) -> None:
     """Those of the tracker that does not search for a lost target."""
-    tracker = entrack.load(str(model), engine="onnxruntime")
+    tracker = entrack.load(str(model), engine=engine, precision=precision)
     tracker = Tracker(replace(tracker.config, recovery=None), tracker.trunk, tracker.policy)
     tracker.init(frames[0], box)
-    for k, (found, score) in enumerate(exported(model, out).track(frames, box), 1):
+    track = exported(model, out, "--precision", precision).track
+    for k, (found, score) in enumerate(track(frames, box), 1):
         estimate = tracker.update(frames[k])
         np.testing.assert_allclose(found, estimate.box, atol=0.1)
         assert score == pytest.approx(estimate.score, abs=0.01)
@@ -77,6 +80,14 @@ def test_crossing_is_tracked_as_by_the_python_tracker(shared: Path, tmp_path: Pa
     sequence = open_dataset(f"otb:{shared}/data/otb").read("Crossing")
     frames = [sequence.frames[k] for k in range(len(sequence))]
     assert_same_boxes(name, tmp_path / "out", frames, sequence.boxes[0])
+
+
+def test_in_fp32_crossing_is_tracked_as_by_the_python_tracker_on_its_default_engine(
+    shared: Path, tmp_path: Path
+):
+    sequence = open_dataset(f"otb:{shared}/data/otb").read("Crossing")
+    frames = [sequence.frames[k] for k in range(len(sequence))]
+    assert_same_boxes("default", tmp_path / "out", frames, sequence.boxes[0], "openvino", "fp32")
 
 
 def test_the_program_needs_no_entrack(tmp_path: Path):

@@ -12,6 +12,7 @@ pytest.importorskip("onnxruntime")
 from entrack.errors import EntrackError
 from entrack.model import load_model
 from entrack.trunk import ENGINES, OpenVINOTrunk, each, load_trunk, sha256
+from entrack.trunks.dequantise import dequantise
 from entrack.trunks.export import export
 from entrack.trunks.networks import as_input
 from trunk_files import picture, student, write_trunk
@@ -98,6 +99,23 @@ def test_engines_round_the_shipped_trunk_alike():
     exact = OpenVINOTrunk(path, threads=1)
     exact._options["INFERENCE_PRECISION_HINT"] = "f32"
     assert alike(load_trunk(path, "onnxruntime", threads=1)(seen), exact(seen)) > 0.9996
+
+
+def test_in_fp32_the_engines_agree_on_the_shipped_trunk_and_stay_near_its_int8():
+    path, seen = load_model("cf").trunk, np.stack([picture(seed, 288, 288) for seed in range(2)])
+    trunks = [load_trunk(path, engine, 1, precision="fp32") for engine in ENGINES]
+    assert [trunk.precision for trunk in trunks] == ["fp32", "fp32"]
+    features = [trunk(seen) for trunk in trunks]
+    np.testing.assert_allclose(*features, atol=1e-4)
+    assert 0.99 < alike(features[0], load_trunk(path, threads=1)(seen)) < 0.9999
+    assert features[0].min() == 0
+
+
+def test_a_float_trunk_is_the_same_in_fp32(file: Path):
+    assert dequantise(file) == file.read_bytes()
+    assert b"QuantizeLinear" not in dequantise(load_model("cf").trunk)
+    with pytest.raises(EntrackError, match="no precision 'fp16': there are model, fp32"):
+        load_trunk(file, precision="fp16")
 
 
 def test_missing_files_and_unknown_engines_are_named(file: Path, tmp_path: Path):

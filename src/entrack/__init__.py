@@ -36,6 +36,7 @@ def load(
     engine: str = "openvino",
     threads: int | None = None,
     device: str = "cpu",
+    precision: str = "model",
 ) -> Tracker:
     """Make a tracker from a shipped model ("default", "cf", …) or a model folder.
 
@@ -49,9 +50,12 @@ def load(
         Threads of the engine; None lets it choose.
     device
         "cpu", or with "onnxruntime" also "cuda", which falls back to the CPU with one warning.
+    precision
+        Of the trunk: "model" computes as its file says, "fp32" in float, which takes thrice the
+        time and gives the same boxes on every engine (extra `train`).
     """
     opened = load_model(model)
-    trunk = load_trunk(opened.trunk, engine, threads, device)
+    trunk = load_trunk(opened.trunk, engine, threads, device, precision)
     policy = None
     if opened.policy and opened.config.policy:
         policy = load_policy(opened.policy, opened.config.policy, threads or os.cpu_count() or 1)

@@ -47,12 +47,13 @@ class OpenVINOTrunk:
     ones, and needs no second network for another number of patches.
     """
 
-    def __init__(self, path: Path, threads: int | None = None) -> None:
+    def __init__(self, path: Path, threads: int | None = None, exact: bool = False) -> None:
         import openvino as ov
 
         self._ov = ov
         self._core = ov.Core()
         self._path = path
+        self._source: Any = _exact(path) if exact else path
         threads = threads or os.cpu_count() or 1
         self._options: dict[str, Any] = {
             "NUM_STREAMS": min(threads, 4),
@@ -64,7 +65,9 @@ class OpenVINOTrunk:
         self._requests: list[Any] = []
         capabilities = self._core.get_property("CPU", "OPTIMIZATION_CAPABILITIES")
         quantised = b"QuantizeLinear" in path.read_bytes()
-        self.precision = _precision(quantised, capabilities)
+        self.precision = "fp32" if exact else _precision(quantised, capabilities)
+        if exact:
+            self._options["INFERENCE_PRECISION_HINT"] = "f32"
 
     def __call__(self, patches: Image) -> Features:
         """See `Trunk`."""
@@ -100,7 +103,7 @@ class OpenVINOTrunk:
     def _compile(self, size: int) -> Any:
         ov = self._ov
         try:
-            model = self._core.read_model(self._path)
+            model = self._core.read_model(self._source)
             model.reshape([1, 3, size, size])
             steps = ov.preprocess.PrePostProcessor(model)
             steps.input().tensor().set_element_type(ov.Type.u8).set_layout(ov.Layout("NHWC"))
@@ -119,14 +122,16 @@ class OpenVINOTrunk:
 class OnnxRuntimeTrunk:
     """The engine of the `gpu` extra: on CUDA where that works, otherwise on the CPU."""
 
-    def __init__(self, path: Path, threads: int | None = None, device: str = "cpu") -> None:
+    def __init__(
+        self, path: Path, threads: int | None = None, device: str = "cpu", exact: bool = False
+    ) -> None:
         ort = require("onnxruntime", "gpu")
         options = ort.SessionOptions()
         if threads:
             options.intra_op_num_threads = threads
         there = ort.get_available_providers()
         wanted = [p for p in _PROVIDERS[device] if p in there]
-        content = for_onnxruntime(path)
+        content = _exact(path) if exact else for_onnxruntime(path)
         self._session = ort.InferenceSession(content, options, providers=wanted)
         # CUDA may be in the package and yet not start, without a driver or its libraries.
         if self._session.get_providers()[0] != _PROVIDERS[device][0]:
@@ -180,20 +185,28 @@ _PROVIDERS = {
     "cpu": ["CPUExecutionProvider"],
     "cuda": ["CUDAExecutionProvider", "CPUExecutionProvider"],
 }
+PRECISIONS = ("model", "fp32")
 ENGINES = {"openvino": OpenVINOTrunk, "onnxruntime": OnnxRuntimeTrunk}
 
 
 def load_trunk(
-    path: Path, engine: str = "openvino", threads: int | None = None, device: str = "cpu"
+    path: Path,
+    engine: str = "openvino",
+    threads: int | None = None,
+    device: str = "cpu",
+    precision: str = "model",
 ) -> Trunk:
     """Open a `trunk.onnx` on "openvino" or "onnxruntime"; `threads` None lets it choose.
 
-    `device` "cuda" is for "onnxruntime" alone, and falls back to the CPU with one warning.
+    `device` "cuda" is for "onnxruntime" alone, and falls back to the CPU with one warning. With
+    `precision` "fp32" a quantised trunk is computed in float, and none in bf16.
     """
     if not path.is_file():
         raise EntrackError(f"no trunk {path}")
     if engine not in ENGINES:
         raise EntrackError(f"no engine {engine!r}: there are {', '.join(ENGINES)}")
+    if precision not in PRECISIONS:
+        raise EntrackError(f"no precision {precision!r}: there are {', '.join(PRECISIONS)}")
     if threads is not None and threads < 1:
         raise EntrackError(f"threads must be at least 1, found {threads}")
     if device not in _PROVIDERS:
@@ -201,18 +214,24 @@ def load_trunk(
     if b"\n\x08location" in path.read_bytes():  # a key of ONNX's `external_data`
         raise EntrackError(f"{path} has its weights in another file, which no checksum covers")
     if engine == "onnxruntime":
-        return OnnxRuntimeTrunk(path, threads, device)
+        return OnnxRuntimeTrunk(path, threads, device, precision == "fp32")
     if device != "cpu":
         raise EntrackError(
             f'{engine} runs on the CPU: device "{device}" takes engine="onnxruntime"'
         )
-    return OpenVINOTrunk(path, threads)
+    return OpenVINOTrunk(path, threads, precision == "fp32")
 
 
 def sha256(path: Path) -> str:
     """The checksum by which a model folder names its files."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _exact(path: Path) -> bytes:
+    from entrack.trunks.dequantise import dequantise
+
+    return dequantise(path)
 
 
 def _precision(quantised: bool, capabilities: list[str]) -> str:

@@ -1,7 +1,7 @@
 """`entrack export`."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -16,6 +16,13 @@ app = new_app()
 def export(
     model: Annotated[str, typer.Argument(metavar="MODEL", help="Name of a model, or its folder.")],
     out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for the files.")],
+    precision: Annotated[
+        Literal["model", "fp32"],
+        typer.Option(
+            help="fp32: an int8 trunk in float, slower, with the boxes that the Python tracker has "
+            "at that precision, whatever its engine."
+        ),
+    ] = "model",
 ) -> None:
     """Write a model as two ONNX files that run in ONNX Runtime, without entrack.
 
@@ -35,6 +42,6 @@ def export(
     from entrack.interop.onnx import export_model
 
     with writing(out):
-        paths = export_model(opened, out)
+        paths = export_model(opened, out, precision)
     for path in paths:
         typer.echo(f"wrote {path}")

@@ -32,10 +32,13 @@ from entrack.state import GRID, GROWN, Conditioned
 from entrack.state import _resize as resize_matrix  # pyright: ignore[reportPrivateUsage]
 from entrack.tracker import PLACES
 from entrack.trunk import for_onnxruntime
+from entrack.trunks.dequantise import dequantise
 
 
-def export_model(model: Model, out: Path) -> list[Path]:
+def export_model(model: Model, out: Path, precision: str = "model") -> list[Path]:
     """Write trunk.onnx, step.onnx, model.json, track.py and README.md into `out`.
+
+    With `precision` "fp32" a quantised trunk becomes float.
 
     Raises
     ------
@@ -55,7 +58,8 @@ def export_model(model: Model, out: Path) -> list[Path]:
     channels = _channels(model.trunk)
     step = Step(model.config, policy, channels)
     _write_step(step, channels, out / "step.onnx")
-    write_bytes(out / "trunk.onnx", for_onnxruntime(model.trunk))
+    trunk = dequantise(model.trunk) if precision == "fp32" else for_onnxruntime(model.trunk)
+    write_bytes(out / "trunk.onnx", trunk)
     config = model.config
     half = config.scale.steps // 2
     facts = {

@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Generator
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import cv2
 import numpy as np
@@ -126,7 +126,8 @@ def _seconds_shown(picture: "VideoFrame", fps: float) -> float:
 def upright(picture: "VideoFrame") -> Image:
     """BGR pixels of a decoded frame, turned as its metadata asks."""
     plane = picture.reformat(format="bgr24").planes[0]
-    rows = np.frombuffer(plane, np.uint8).reshape(plane.height, plane.line_size)
+    memory = cast(Any, plane)  # it has the buffer protocol, which its stubs do not say
+    rows = np.frombuffer(memory, np.uint8).reshape(plane.height, plane.line_size)
     # Without PyAV's copy, of 100 MB for 8K, unless there are spare bytes behind each row.
     image = np.ascontiguousarray(rows[:, : 3 * plane.width]).reshape(plane.height, plane.width, 3)
     turn = _TURNS.get(round(picture.rotation / 90) % 4)
