@@ -3,7 +3,9 @@
 python scripts/make_models.py
 """
 
-from entrack.config import Config, read
+import tomllib
+
+from entrack.config import Config, parse, read
 from entrack.model import SHIPPED, assets, save_model
 
 DESCRIPTIONS = {
@@ -12,6 +14,7 @@ DESCRIPTIONS = {
     "longterm": "The model default, and a search for a target that is lost.",
     "cf": "The correlation filter with three sizes, eqs. 1-3 and 14.",
     "quick": "The filter of cf with few passes of the trunk on smaller patches, for many objects.",
+    "paper": "The paper as printed, trained to the end: it does not follow. Compare with it.",
     "cf-baseline": "The paper's CF.Baseline: the correlation filter, the size stays.",
 }
 
@@ -19,10 +22,13 @@ DESCRIPTIONS = {
 def main() -> None:
     presets = assets().parent / "presets"
     for name in SHIPPED:
-        preset = "default" if name == "policy" else name
-        config = read(Config, presets / f"{preset}.toml")
-        folder = assets() / "models" / name
-        policy = assets() / "models" / "policy" / "policy.safetensors" if config.policy else None
+        folder, weights = assets() / "models" / name, "paper" if name == "paper" else "policy"
+        if name == "paper":  # whose presets/paper.toml is for an imported trunk, without a policy
+            trained = presets / "train-paper.toml"
+            config = parse(Config, tomllib.loads(trained.read_text())["tracker"], str(trained))
+        else:
+            config = read(Config, presets / f"{'default' if name == 'policy' else name}.toml")
+        policy = assets() / "models" / weights / "policy.safetensors" if config.policy else None
         trunk = assets() / "trunk" / "trunk.onnx"
         save_model(folder, name, DESCRIPTIONS[name], config, trunk, policy)
         print(f"wrote {folder / 'model.toml'}")

@@ -29,7 +29,7 @@ from entrack.trunk import sha256
 _SUFFIXES = (".onnx", ".safetensors")
 """Formats that hold numbers, and nothing that is executed when they are read."""
 _LARGEST = 500_000_000  # bytes of one file of a model
-SHIPPED = ("default", "longterm", "cf", "cf-baseline", "policy", "quick")
+SHIPPED = ("default", "longterm", "cf", "cf-baseline", "policy", "quick", "paper")
 
 
 @checked(frozen=True, config=ConfigDict(extra="forbid"))

@@ -57,7 +57,10 @@ class Source:
     """Draws pairs from clips, synthetic sequences and stills."""
 
     def __init__(self, chunk: Chunk) -> None:
-        self.config = chunk.config
+        self.config, shape = chunk.config, chunk.tracker.window.shape
+        self.distances = [
+            replace(pairs, shape=shape) for pairs in (chunk.config.near, chunk.config.far)
+        ]
         self.clips = kept(chunk.clips, chunk.names)
         self.made = kept(chunk.clips, chunk.made)
         self.stills: list[Image] = load_stills(chunk.stills) if chunk.stills else []
@@ -66,7 +69,7 @@ class Source:
         """Draw one pair, half of them close and half far off."""
         c = self.config
         while True:
-            kind, pair_config = rng.random(), c.near if rng.random() < 0.5 else c.far
+            kind, pair_config = rng.random(), self.distances[int(rng.random() >= 0.5)]
             if self.stills and kind < c.stills:
                 return from_still(_any(self.stills, rng), self.stills, pair_config, rng)
             use_made = self.made and (not self.clips or kind < c.stills + c.made)

@@ -95,6 +95,8 @@ GRIDS: dict[str, Grid] = {
             "short clips, jittered": {
                 "episode.whole": False, "episode.frames": (32, 64), "episode.jitter": 0.05,
             },
+            "warm start": {"warm": {}, "bank.looks": 10_000},
+            "warm start alone": {"warm": {}, "bank.looks": 10_000, "rounds": 0},
             "imitation": {"sac.imitate": 2.0},
             "imitation, [z, m]": {"sac.imitate": 2.0, "joint": True},
         },

@@ -49,6 +49,11 @@ class Basis(nn.Module):
         whole = weight @ self.vectors.T
         return whole, bias - whole @ self.mean
 
+    def restored(self, features: Tensor) -> Tensor:
+        """Z (N, C, n, n) from what is kept of it (N, k, n, n): the vectors are orthogonal."""
+        back = self.vectors / self.vectors.square().sum(0)
+        return torch.einsum("ck,nkij->ncij", back, features) + self.mean[:, None, None]
+
 
 class ConditionedF1(nn.Module):
     """`entrack.state.Conditioned`, for features that `basis` has reduced."""

@@ -108,6 +108,8 @@ class Training:
             self._warm()
         else:
             self.actor = LinearActor(self.reach, joint=self.config.joint)
+            if self.config.warm:
+                self._clone(*self._looks())
         torch.manual_seed(self.config.seed)
         self.learner = learner(self.actor, self.config.sac)
         self._learn()
@@ -116,7 +118,16 @@ class Training:
     # -- warm start ----------------------------------------------------------------------------
 
     def _warm(self) -> None:
-        """Make the bank, and learn f1 and the head from it."""
+        """A conditioned f1 and its head, learned from a bank if so configured."""
+        c = self.config
+        chunks, self.basis = self._looks()
+        width = c.warm.width if c.warm else 64
+        self.f1 = ConditionedF1(self.basis.vectors.shape[1], width=width)
+        self.actor = AttentionActor(width, self.reach, c.tracker.window.size // 16)
+        self._clone(chunks, self.f1)
+
+    def _looks(self) -> tuple[list[Chunk], Basis]:
+        """The bank, if there is a warm start, and the components of Z that it keeps."""
         c = self.config
         chunks = [
             Chunk(
@@ -129,14 +140,14 @@ class Training:
         if c.warm:
             self._work("bank", make_chunk, chunks)
         with np.load(self.run / "bank" / "basis.npz") as basis:
-            self.basis = Basis(basis["mean"], basis["vectors"])
-            inputs = basis["vectors"].shape[1]
-        width = c.warm.width if c.warm else 64
-        self.f1 = ConditionedF1(inputs, width=width)
-        self.actor = AttentionActor(width, self.reach, c.tracker.window.size // 16)
-        if c.warm:
+            return chunks, Basis(basis["mean"], basis["vectors"])
+
+    def _clone(self, chunks: list[Chunk], f1: ConditionedF1 | Basis) -> None:
+        """Behaviour cloning from the bank; `f1` is the basis for a linear actor."""
+        if self.config.warm:
             warm_start(
-                self.f1, self.actor, partial(load_bank, chunks), c.warm, self.run, c.first_seed,
+                f1, self.actor, partial(load_bank, chunks), self.config.warm, self.run,
+                self.config.first_seed,
                 lambda step, steps, values: self.report("warm start", step, steps, values),
             )  # fmt: skip
 

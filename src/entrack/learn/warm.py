@@ -15,7 +15,9 @@ from pydantic import ConfigDict, Field
 from pydantic.dataclasses import dataclass
 from torch import Tensor, nn
 
-from entrack.learn.networks import AttentionActor, ConditionedF1, States
+from entrack.learn.networks import Actor, AttentionActor, Basis, ConditionedF1, States
+from entrack.policy import LinearHead
+from entrack.state import f2
 from entrack.trunks import checkpoint
 from entrack.trunks.distil import schedule
 
@@ -47,10 +49,13 @@ class WarmConfig:
 
 
 def imitation_loss(
-    mean: Tensor, log_std: Tensor, heat: Tensor, box: Tensor, held: Tensor, reach: float,
+    mean: Tensor, log_std: Tensor, heat: Tensor | None, box: Tensor, held: Tensor, reach: float,
     config: WarmConfig,
 ) -> tuple[Tensor, Tensor]:  # fmt: skip
-    """How far the mean action is from the one that hits `box`; and the overlap it reaches (N,)."""
+    """How far the mean action is from the one that hits `box`; and the overlap it reaches (N,).
+
+    `heat` (N, cells) is None for a policy that attends to nothing.
+    """
     held = held[:, :2]
     sides = torch.cat([held, held], 1)
     low, high = box[:, :2] - 0.5, box[:, :2] + box[:, 2:] - 0.5
@@ -59,20 +64,26 @@ def imitation_loss(
     corners = torch.cat([-held / 2, held / 2], 1)
     overlap, gap = _iou(corners + action * sides, torch.cat([low, high], 1))
     distance = F.smooth_l1_loss(action, truth, beta=0.1)
+    # σ is learned before the tanh, where the policy is a Gaussian; the mean is left to the others.
+    error = torch.atanh((truth / reach).clamp(-0.999, 0.999)) - mean.detach()
+    surprise = (log_std + 0.5 * (error / log_std.exp()).square()).mean()
+    loss = 2 * distance + (1 - overlap + gap).mean() + config.likelihood * surprise
+    if heat is not None:
+        loss = loss + config.heat * _inattention(heat, (low + high) / 2)
+    return loss, overlap.detach()
+
+
+def _inattention(heat: Tensor, centre: Tensor) -> Tensor:
+    """Cross-entropy of the attention and a Gaussian about the target's centre (N, 2)."""
     n = round(heat.shape[1] ** 0.5)
     along = (torch.arange(n) + 0.5) / n - 0.5
-    x, y = ((low + high) / 2).unbind(1)
+    x, y = centre.unbind(1)
     square = (along[None, None] - x[:, None, None]) ** 2 + (
         along[None, :, None] - y[:, None, None]
     ) ** 2
     wanted = torch.exp(-square * n**2 / (2 * 0.7**2)).flatten(1)  # σ: 0.7 cells
     wanted = wanted / wanted.sum(1, keepdim=True).clamp_min(1e-6)
-    attention = -(wanted * torch.log_softmax(heat, 1)).sum(1).mean()
-    # σ is learned before the tanh, where the policy is a Gaussian; the mean is left to the others.
-    error = torch.atanh((truth / reach).clamp(-0.999, 0.999)) - mean.detach()
-    surprise = (log_std + 0.5 * (error / log_std.exp()).square()).mean()
-    loss = 2 * distance + (1 - overlap + gap).mean()
-    return loss + config.heat * attention + config.likelihood * surprise, overlap.detach()
+    return -(wanted * torch.log_softmax(heat, 1)).sum(1).mean()
 
 
 def _iou(a: Tensor, b: Tensor) -> tuple[Tensor, Tensor]:
@@ -85,23 +96,28 @@ def _iou(a: Tensor, b: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def look(
-    f1: ConditionedF1, bank: Bank, rows: NDArray[np.intp], shown: Tensor | None = None
+    f1: ConditionedF1 | Basis, bank: Bank, rows: NDArray[np.intp], shown: Tensor | None = None
 ) -> tuple[States, Tensor, Tensor]:
     """States (z, m) of some rows of a bank; with the boxes and the shapes held.
 
-    `shown` (N, C) is what every component of Z is multiplied by.
+    With a basis in place of f1, z is Z itself, of which a linear policy's f1 is a part, and m is
+    the paper's. `shown` (N, C) is what every component of Z is multiplied by.
     """
     part = {k: torch.from_numpy(np.ascontiguousarray(a[rows])).float() for k, a in bank.items()}
     if shown is not None:
         for key in ("features", "points"):
             part[key] = part[key] * shown[:, :, None, None]
+    if isinstance(f1, Basis):
+        m = np.stack([f2(response, LinearHead.side) for response in part["response"].numpy()])
+        states = States(f1.restored(part["features"]), torch.from_numpy(m), part["held"])
+        return states, part["box"], part["held"]
     z = f1(part["features"], part["points"], part["response"], part["held"])
     return States(z, part["response"].flatten(1), part["held"]), part["box"], part["held"]
 
 
 def warm_start(
-    f1: ConditionedF1,
-    actor: AttentionActor,
+    f1: ConditionedF1 | Basis,
+    actor: Actor,
     load: Callable[[], Bank],
     config: WarmConfig,
     run: Path,
@@ -109,6 +125,8 @@ def warm_start(
     report: Callable[[int, int, dict[str, float]], None] = lambda step, steps, values: None,
 ) -> None:
     """Train f1 and the head in place, from `run/warm.safetensors` on where that exists.
+
+    A linear actor has its f1 in itself, and is given the basis of the bank.
 
     One row in twenty of the bank is kept for checking. `load` is not called where all is learned:
     a bank takes gigabytes.
@@ -131,7 +149,7 @@ def warm_start(
         for group in optimiser.param_groups:
             group["lr"] = config.lr * schedule(step, config.steps)
         states, box, held = look(f1, bank, rows, shown)
-        mean, log_std, heat = actor(states)
+        mean, log_std, heat = _act(actor, states)
         loss, overlap = imitation_loss(mean, log_std, heat, box, held, actor.reach, config)
         optimiser.zero_grad()
         loss.backward()
@@ -152,14 +170,19 @@ def warm_start(
             checkpoint.save(state, both, optimiser, step + 1)
 
 
+def _act(actor: Actor, states: States) -> tuple[Tensor, Tensor, Tensor | None]:
+    mean, log_std, heat = actor(states)
+    return mean, log_std, heat if isinstance(actor, AttentionActor) else None
+
+
 @torch.no_grad()
 def evaluate(
-    f1: ConditionedF1, actor: AttentionActor, bank: Bank, rows: NDArray[np.intp], config: WarmConfig
+    f1: ConditionedF1 | Basis, actor: Actor, bank: Bank, rows: NDArray[np.intp], config: WarmConfig
 ) -> float:
     """Mean overlap after one action."""
     overlaps: list[Tensor] = []
     for part in np.array_split(rows, max(1, len(rows) // 200)):
         states, box, held = look(f1, bank, part)
-        mean, log_std, heat = actor(states)
+        mean, log_std, heat = _act(actor, states)
         overlaps.append(imitation_loss(mean, log_std, heat, box, held, actor.reach, config)[1])
     return torch.cat(overlaps).mean().item()

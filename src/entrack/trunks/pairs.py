@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence as SequenceOf
 from dataclasses import dataclass
-from typing import cast
+from typing import Literal, cast
 
 import cv2
 import numpy as np
@@ -40,11 +40,13 @@ class PairConfig:
     """Share of search patches with something in front of the target."""
     size: int = Field(default=288, ge=64, multiple_of=16)
     """Side of the patches, pixels."""
+    shape: Literal["square", "box"] = "square"
+    """Of the window, as in `entrack.config.WindowConfig`."""
 
     @property
     def window(self) -> WindowConfig:
         """What the patches are cut by."""
-        return WindowConfig(size=self.size)
+        return WindowConfig(size=self.size, shape=self.shape)
 
 
 @dataclass(frozen=True)
@@ -101,7 +103,8 @@ def _pair(
     if rng.random() < 0.1:
         template, search = grey(template), grey(search)
     held = np.concatenate([looked[2:] / window.box[2:], np.log(looked[2:] / shape)])
-    roi = from_centre([0.5, 0.5], shape / around(from_centre([0, 0], shape), config.window).w)
+    around_template = around(from_centre([0, 0], shape), config.window)
+    roi = from_centre([0.5, 0.5], shape / around_template.box[2:])
     place = (float(offset[0]), float(offset[1]))
     return Pair(photometric(template, rng), search, place, zoom, seen, held, roi)
 
