@@ -105,7 +105,7 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as folder:
         data = material(Path(folder) / "data")
         for name in given.only:
-            place = Path(folder) / name
+            place, before = Path(folder) / name, len(wrong)
             good, fulls = Good(name, data, place), 0
             for number in range(given.sizes):
                 share = number / given.sizes
@@ -114,6 +114,7 @@ def main() -> int:
                 wrong += [f"{name}, room for {share:.2f}: {fault}" for fault in faults]
             wrong += [f"{name}, read-only: {fault}" for fault in forbid(good, place / "closed")]
             figures[name] = f"{fulls} full disks of {given.sizes}, 1 read-only"
+            figures[name] += f", {len(wrong) - before} faults"
             print(f"  {name}: {figures[name]}", file=sys.stderr, flush=True)
     return tell("disk", figures, wrong, given.out)
 
