@@ -132,6 +132,26 @@ os._exit(9)
         assert len(list(source)) >= 50
 
 
+def test_writing_on_after_the_disk_was_full_is_the_same_sentence_again(tmp_path: Path) -> None:
+    script = f"""
+import resource
+import numpy as np
+from entrack import EntrackError
+from entrack.video import VideoWriter
+noise = np.random.default_rng(0).integers(0, 255, (120, 160, 3), np.uint8)
+resource.setrlimit(resource.RLIMIT_FSIZE, (16, -1))
+video = VideoWriter({str(tmp_path / "out.mp4")!r})
+for work in [lambda: video.write(noise, 0)] * 200 + [video.close]:
+    try:
+        work()
+    except EntrackError as error:
+        print(error)
+"""
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
+    assert done.returncode == 0
+    assert set(done.stdout.splitlines()) == {f"cannot write {tmp_path / 'out.mp4'}: File too large"}
+
+
 @pytest.mark.parametrize("limit", [2_000_000, 1_500_001, 1000])
 def test_full_disk_is_one_sentence_and_keeps_what_fits(tmp_path: Path, limit: int) -> None:
     script = f"""

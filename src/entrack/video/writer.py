@@ -64,6 +64,7 @@ class VideoWriter:
         self._fps = fps
         self._stream: VideoStream | None = None
         self._begin, self._last, self._closed = 0.0, -1, False
+        self._broken: EntrackError | None = None
         with writing(self.path):
             self._part.touch()
             self._file = av.open(str(self._part), "w", format="mp4", options=_FRAGMENTS)
@@ -82,8 +83,14 @@ class VideoWriter:
         frame.time_base = _TICK
         frame.pts = self._last = max(self._last + 1, round((time - self._begin) / _TICK))
         frame.duration = round(1 / self._fps / _TICK)
-        with writing(self.path):
-            self._file.mux(stream.encode(frame))
+        if self._broken:  # FFmpeg would write behind a header that is not there, and crash
+            raise self._broken
+        try:
+            with writing(self.path):
+                self._file.mux(stream.encode(frame))
+        except EntrackError as error:
+            self._broken = error
+            raise
 
     def _new_stream(self, image: Image) -> "VideoStream":
         rate = Fraction(self._fps).limit_denominator(1001)
@@ -110,6 +117,8 @@ class VideoWriter:
             return
         with writing(self.path):
             try:
+                if self._broken:
+                    raise OSError(*getattr(self._broken.__cause__, "args", ())[:2])
                 self._file.mux(self._stream.encode())
                 self._file.close()
                 _put_index_in_front(self._part)
