@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from reliability.compat import ALL_AT_ONCE, boxes, same
+from reliability.compat import ALL_AT_ONCE, PLACES, boxes, same
 from reliability.corpus import FAULTS, GOOD, write
 from reliability.faults import look
 from reliability.fuzz import attempt, fuzz, guarded
@@ -118,6 +118,8 @@ def test_the_same_boxes_on_one_thread_without_home_and_locale_in_a_folder_of_any
     expected, said = boxes(Path(sys.executable), tmp_path)
     assert len(expected) == 12, said
     found = boxes(Path(sys.executable), odd, ALL_AT_ONCE, "--threads", "1")
+    assert same(found, expected) == []
+    found = boxes(Path(sys.executable), odd, PLACES["a locale that is not UTF-8"])
     assert same(found, expected) == []
 
 

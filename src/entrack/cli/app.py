@@ -7,6 +7,7 @@ The module is imported only when the command is called. What the caller can put 
 """
 
 import importlib
+import io
 import sys
 import traceback
 from collections.abc import Sequence
@@ -78,6 +79,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command line; return 0 for done, 1 for work that failed, 2 for a wrong call."""
     given = list(sys.argv[1:] if arguments is None else arguments)
     words = [word for word in given if word != "--debug"]
+    for stream in (sys.stdout, sys.stderr):  # what a terminal cannot show is no reason to end
+        if isinstance(stream, io.TextIOWrapper) and stream.errors == "strict":
+            stream.reconfigure(errors="replace")
     try:
         code = typer.main.get_command(app).main(
             words or ["--help"], prog_name="entrack", standalone_mode=False

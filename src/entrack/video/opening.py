@@ -52,7 +52,7 @@ def open_source(source: str | Path | int, start: int = 0, stop: int | None = Non
     if os.path.exists(text):
         return open_video(path.name, text, start, stop)
     if glob.has_magic(text) and "\0" not in text:
-        paths = [Path(p) for p in glob.glob(text, recursive=True)]
+        paths = [Path(p) for p in glob.glob(text)]  # `**` is `*`: else `/**` reads the whole disk
         if not paths:
             raise EntrackError(f"no file matches {text}")
         return _open_pictures(text, paths, start, stop)
