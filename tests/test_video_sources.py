@@ -214,10 +214,12 @@ def test_pictures_come_in_natural_order_as_bgr_bytes(tmp_path: Path) -> None:
         np.testing.assert_array_equal(frame.image, expected)
 
 
-def test_glob_chooses_pictures(tmp_path: Path) -> None:
+def test_glob_chooses_pictures_of_a_folder_by_any_name(tmp_path: Path) -> None:
+    folder = tmp_path / "[2026] trip"
+    folder.mkdir()
     for name in ("a2.png", "a10.png", "b1.png"):
-        cv2.imwrite(str(tmp_path / name), np.full((8, 8, 3), int(name[1:-4]), np.uint8))
-    with open_source(str(tmp_path / "a*.png")) as source:
+        cv2.imwrite(str(folder / name), np.full((8, 8, 3), int(name[1:-4]), np.uint8))
+    with open_source(str(folder / "a*.png")) as source:
         assert [int(f.image[0, 0, 0]) for f in source] == [2, 10]
 
 

@@ -27,8 +27,9 @@ def open_source(source: str | Path | int, start: int = 0, stop: int | None = Non
     Parameters
     ----------
     source
-        A video file; a folder of pictures or a glob (both in natural order: 2 before 10, as if
-        taken 25 times a second); the number of a camera; an rtsp:// or http:// address.
+        A video file; a folder of pictures, or a glob in it, `shots/a*.png` (both in natural order:
+        2 before 10, as if taken 25 times a second); the number of a camera; an rtsp:// or http://
+        address.
 
     Raises
     ------
@@ -52,7 +53,9 @@ def open_source(source: str | Path | int, start: int = 0, stop: int | None = Non
     if os.path.exists(text):
         return open_video(path.name, text, start, stop)
     if glob.has_magic(text) and "\0" not in text:
-        paths = [Path(p) for p in glob.glob(text)]  # `**` is `*`: else `/**` reads the whole disk
+        # Folders as they are: `/*/*/*/…` would read the whole disk, and `[2020] trip` is a name.
+        folder, pattern = os.path.split(text)
+        paths = [Path(p) for p in glob.glob(os.path.join(glob.escape(folder), pattern))]
         if not paths:
             raise EntrackError(f"no file matches {text}")
         return _open_pictures(text, paths, start, stop)
