@@ -61,9 +61,12 @@ def used(folder: Path) -> int:
 
 
 def refusal(code: int | None, said: str) -> list[str]:
-    """What is wrong with how a command that could not write has ended."""
+    """What is wrong with how a command that could not write has ended.
+
+    A list's clips say why, one by one, before the sentence at the end.
+    """
     lines = [line for line in said.splitlines() if "error: " in line]
-    if code != 1 or len(lines) != 1 or "Traceback" in said or "cannot write" not in lines[0]:
+    if code != 1 or len(lines) != 1 or "Traceback" in said or "cannot write" not in said:
         return [f"ends with {code}: {said[-1500:]}"]
     return []
 
