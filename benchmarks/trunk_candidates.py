@@ -18,7 +18,7 @@ from time import perf_counter
 import matplotlib.pyplot as plt
 import numpy as np
 
-from entrack.config import Config, read
+from entrack.config import Config, WindowConfig, read
 from entrack.datasets import open_dataset
 from entrack.errors import EntrackError
 from entrack.evaluation import ope
@@ -66,7 +66,7 @@ def train(shared: Path, out: Path, names: list[str]) -> None:
         print,
     )
     for name in names:
-        pair = PairConfig(size=size_of(name))
+        pair = PairConfig(window=WindowConfig(size=size_of(name)))
         config = TrunkTrainConfig(
             material=full.material,
             student=CANDIDATES[name],

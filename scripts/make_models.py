@@ -4,34 +4,56 @@ python scripts/make_models.py
 """
 
 import tomllib
+from typing import NamedTuple
 
-from entrack.config import Config, parse, read
+from entrack.config import Config, parse
 from entrack.model import SHIPPED, assets, save_model
 
-DESCRIPTIONS = {
-    "default": "What `entrack track` uses: the filter of cf and a learned policy, eqs. 1-7 and 14.",
-    "policy": "The same as default, by its older name.",
-    "longterm": "The model default, and a search for a target that is lost.",
-    "cf": "The correlation filter with three sizes, eqs. 1-3 and 14.",
-    "quick": "The filter of cf with few passes of the trunk on smaller patches, for many objects.",
-    "paper": "The paper as printed, trained to the end: it does not follow. Compare with it.",
-    "cf-baseline": "The paper's CF.Baseline: the correlation filter, the size stays.",
-}
+
+class Recipe(NamedTuple):
+    """What a model is made of, besides the trunk."""
+
+    description: str
+    preset: str
+    """File of the configuration; that of a training has it as [tracker]."""
+    policy: str | None = None
+    """The model in whose folder the weights are."""
+
+
+RECIPES = {
+    "default": Recipe(
+        "What `entrack track` uses: the filter of cf and a learned policy, eqs. 1-7 and 14.",
+        "default", "policy",
+    ),
+    "policy": Recipe("The same as default, by its older name.", "default", "policy"),
+    "longterm": Recipe(
+        "The model default, and a search for a target that is lost.", "longterm", "policy"
+    ),
+    "cf": Recipe("The correlation filter with three sizes, eqs. 1-3 and 14.", "cf"),
+    "quick": Recipe(
+        "The filter of cf with few passes of the trunk on smaller patches, for many objects.",
+        "quick",
+    ),
+    "paper": Recipe(
+        "The paper as printed, trained to the end: it does not follow. Compare with it.",
+        "train-paper", "paper",
+    ),
+    "cf-baseline": Recipe(
+        "The paper's CF.Baseline: the correlation filter, the size stays.", "cf-baseline"
+    ),
+}  # fmt: skip
 
 
 def main() -> None:
-    presets = assets().parent / "presets"
+    models, trunk = assets() / "models", assets() / "trunk" / "trunk.onnx"
     for name in SHIPPED:
-        folder, weights = assets() / "models" / name, "paper" if name == "paper" else "policy"
-        if name == "paper":  # whose presets/paper.toml is for an imported trunk, without a policy
-            trained = presets / "train-paper.toml"
-            config = parse(Config, tomllib.loads(trained.read_text())["tracker"], str(trained))
-        else:
-            config = read(Config, presets / f"{'default' if name == 'policy' else name}.toml")
-        policy = assets() / "models" / weights / "policy.safetensors" if config.policy else None
-        trunk = assets() / "trunk" / "trunk.onnx"
-        save_model(folder, name, DESCRIPTIONS[name], config, trunk, policy)
-        print(f"wrote {folder / 'model.toml'}")
+        description, preset, weights = RECIPES[name]
+        path = assets().parent / "presets" / f"{preset}.toml"
+        content = tomllib.loads(path.read_text())
+        config = parse(Config, content.get("tracker", content), str(path))
+        policy = models / weights / "policy.safetensors" if weights else None
+        save_model(models / name, name, description, config, trunk, policy)
+        print(f"wrote {models / name / 'model.toml'}")
 
 
 if __name__ == "__main__":

@@ -15,6 +15,10 @@ pytest.importorskip("torch")
 pytest.importorskip("gymnasium")
 
 from entrack.cli.app import main
+from entrack.config import Config, WindowConfig
+from entrack.learn.bank import Chunk
+from entrack.learn.bank import Source as Looks
+from entrack.learn.config import BankConfig
 from entrack.learn.store import bad_frames, keep, kept
 from entrack.learn.train import Source, Training, preset
 from entrack.video import VideoWriter
@@ -118,6 +122,18 @@ def test_a_stopped_run_resumes_to_the_same_bits(trained, clips: Path, tmp_path: 
     assert not (tmp_path / "run" / "model").exists()
     train(config, clips, tmp_path / "run", resume=True)
     assert bits(tmp_path / "run") == bits(run)
+
+
+def test_looks_are_through_the_window_that_the_tracker_has(trained):
+    _, run, training = trained
+    tracker = Config(window=WindowConfig(shape="box", context=4.0, border="mean"))
+    chunk = Chunk(
+        0, run / "bank", run / "clips", ("a",), (), None, training.base.trunk, tracker,
+        BankConfig(), 0,
+    )  # fmt: skip
+    pair = Looks(chunk).draw(np.random.default_rng(0))
+    np.testing.assert_allclose(pair.held[:2], 0.25)
+    np.testing.assert_allclose(pair.roi, [0.375, 0.375, 0.25, 0.25])
 
 
 def test_a_run_with_a_warm_start_resumes_to_the_same_bits(clips: Path, tmp_path: Path):

@@ -5,9 +5,8 @@ from typing import Annotated
 
 import typer
 
-from entrack.cli.console import checking_call, new_app, stages
+from entrack.cli.console import CUTOUTS, STILLS, checking_call, new_app, stages
 from entrack.cli.many import ManyValues
-from entrack.cli.train import Cutouts, Stills
 from entrack.errors import require
 from entrack.files import writing
 
@@ -51,8 +50,8 @@ def ablate(
         list[str] | None, typer.Option(metavar="CELL...", help="Only these cells.")
     ] = None,
     model: Annotated[str, typer.Option(metavar="MODEL", help="Whose trunk the cells get.")] = "cf",
-    stills: Stills = None,
-    cutouts: Cutouts = None,
+    stills: Annotated[Path | None, STILLS] = None,
+    cutouts: Annotated[Path | None, CUTOUTS] = None,
     workers: Annotated[int, typer.Option(min=1, help="Processes that play and track.")] = 2,
     resume: Annotated[bool, typer.Option("--resume", help="Go on where DIR was stopped.")] = False,
 ) -> None:

@@ -1,4 +1,4 @@
-"""What the commands share: errors of the call, and the progress bar."""
+"""What the commands share: options, errors of the call, and the progress bar."""
 
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
@@ -10,6 +10,16 @@ from entrack.errors import EntrackError
 
 WrongCall: Any = typer.BadParameter.__base__
 """What typer raises for words that it cannot parse; typer has no public name for it."""
+
+STILLS: Any = typer.Option(
+    metavar="DIR", exists=True, file_okay=False, help="Pictures of anything."
+)
+CUTOUTS: Any = typer.Option(
+    metavar="DIR",
+    exists=True,
+    file_okay=False,
+    help="Folder with train/, masks/ and images/ to cut from.",
+)
 
 
 class CallError(EntrackError):

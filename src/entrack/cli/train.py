@@ -5,26 +5,11 @@ from typing import Annotated
 
 import typer
 
-from entrack.cli.console import checking_call, new_app, stages
+from entrack.cli.console import CUTOUTS, STILLS, checking_call, new_app, stages
 from entrack.errors import require
 from entrack.files import writing
 
 app = new_app()
-
-
-Stills = Annotated[
-    Path | None,
-    typer.Option(metavar="DIR", exists=True, file_okay=False, help="Pictures of anything."),
-]
-Cutouts = Annotated[
-    Path | None,
-    typer.Option(
-        metavar="DIR",
-        exists=True,
-        file_okay=False,
-        help="Folder with train/, masks/ and images/ to cut from.",
-    ),
-]
 
 
 @app.command()
@@ -39,8 +24,8 @@ def train(
     model: Annotated[
         str, typer.Option(metavar="MODEL", help="Whose trunk the new model gets.")
     ] = "cf",
-    stills: Stills = None,
-    cutouts: Cutouts = None,
+    stills: Annotated[Path | None, STILLS] = None,
+    cutouts: Annotated[Path | None, CUTOUTS] = None,
     seed: Annotated[int | None, typer.Option(min=0, help="Instead of the configuration's.")] = None,
     workers: Annotated[
         int | None,

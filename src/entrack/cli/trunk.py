@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from entrack.cli.console import checking_call, new_app, stages
+from entrack.cli.console import CUTOUTS, STILLS, checking_call, new_app, stages
 from entrack.errors import require
 from entrack.files import writing
 
@@ -19,10 +19,7 @@ def train(
     data: Annotated[
         list[str], typer.Option(metavar="FORMAT:DIR", help="Annotated clips; may be repeated.")
     ],
-    stills: Annotated[
-        Path,
-        typer.Option(metavar="DIR", exists=True, file_okay=False, help="Pictures of anything."),
-    ],
+    stills: Annotated[Path, STILLS],
     teacher: Annotated[
         Path,
         typer.Option(
@@ -42,15 +39,7 @@ def train(
             metavar="DIR", exists=True, file_okay=False, help="Videos without annotation."
         ),
     ] = None,
-    cutouts: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="DIR",
-            exists=True,
-            file_okay=False,
-            help="Folder with train/, masks/ and images/ to cut from.",
-        ),
-    ] = None,
+    cutouts: Annotated[Path | None, CUTOUTS] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Go on where RUN was stopped.")] = False,
 ) -> None:
     """Train a trunk: distil it, then fine-tune through the filter.

@@ -57,10 +57,8 @@ class Source:
     """Draws pairs from clips, synthetic sequences and stills."""
 
     def __init__(self, chunk: Chunk) -> None:
-        self.config, shape = chunk.config, chunk.tracker.window.shape
-        self.distances = [
-            replace(pairs, shape=shape) for pairs in (chunk.config.near, chunk.config.far)
-        ]
+        self.config, window = chunk.config, chunk.tracker.window
+        self.distances = [replace(d, window=window) for d in (self.config.near, self.config.far)]
         self.clips = kept(chunk.clips, chunk.names)
         self.made = kept(chunk.clips, chunk.made)
         self.stills: list[Image] = load_stills(chunk.stills) if chunk.stills else []

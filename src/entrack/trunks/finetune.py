@@ -125,7 +125,7 @@ def finetune(
     state = run / f"finetune-{stage}.safetensors"
     first = checkpoint.load(state, student, optimiser) if state.exists() else 0
     log = checkpoint.Log(run, f"finetune-{stage}", first)
-    cells = config.pair.size // 16
+    cells = config.pair.window.size // 16
     filter_ = Filter(cells, FilterConfig(), config.pair.window)
     student.eval()  # batch norm keeps its statistics: the filter must see what it will see later
     sums = np.zeros(3)

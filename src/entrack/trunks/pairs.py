@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence as SequenceOf
 from dataclasses import dataclass
-from typing import Literal, cast
+from typing import cast
 
 import cv2
 import numpy as np
@@ -38,15 +38,8 @@ class PairConfig:
     """Share of stills whose target is moved to another background."""
     occlude: float = 0.2
     """Share of search patches with something in front of the target."""
-    size: int = Field(default=288, ge=64, multiple_of=16)
-    """Side of the patches, pixels."""
-    shape: Literal["square", "box"] = "square"
-    """Of the window, as in `entrack.config.WindowConfig`."""
-
-    @property
-    def window(self) -> WindowConfig:
-        """What the patches are cut by."""
-        return WindowConfig(size=self.size, shape=self.shape)
+    window: WindowConfig = Field(default_factory=WindowConfig)
+    """What the patches are cut by."""
 
 
 @dataclass(frozen=True)
@@ -95,7 +88,7 @@ def _pair(
     looked, zoom = _displaced(box, config, rng)
     window = around(looked, config.window)
     offset = (centre(box) - centre(window.box)) / window.box[2:]
-    search = photometric(crop(frame, window), rng)
+    search = photometric(crop(frame, window, config.window.border), rng)
     seen = window.to_patch(box) / window.size
     if rng.random() < 0.5:
         template, search, offset = template[:, ::-1], search[:, ::-1], offset * [-1, 1]
@@ -123,7 +116,7 @@ def from_sequence(sequence: Sequence, config: PairConfig, rng: np.random.Generat
     image = sequence.frames[first]
     if area(clip(boxes[0], image.shape[1], image.shape[0])) < 0.6 * area(boxes[0]):
         return None
-    template = crop(image, around(boxes[0], config.window))
+    template = crop(image, around(boxes[0], config.window), config.window.border)
     return _pair(template, boxes[0, 2:], sequence.frames[second], boxes[1], config, rng)
 
 
@@ -136,7 +129,7 @@ def from_still(
     aspect = np.exp(rng.normal(0, 0.4))
     size = np.minimum(side * np.array([np.sqrt(aspect), 1 / np.sqrt(aspect)]), [width, height])
     box = from_centre(size / 2 + rng.uniform(0, 1, 2) * (np.array([width, height]) - size), size)
-    template = crop(image, around(box, config.window))
+    template = crop(image, around(box, config.window), config.window.border)
     frame, moved = _turn(image, box, config, rng)
     if rng.random() < config.replace:
         frame = _transplant(frame, moved, others[int(rng.integers(len(others)))])
