@@ -59,10 +59,6 @@ f1 = "conditioned"
 [bank]
 looks = 100
 components = 8
-[bank.near]
-size = 96
-[bank.far]
-size = 96
 [warm]
 steps = 210
 batch = 2
@@ -91,7 +87,7 @@ batch = 2
 anchor_crops = 1
 negatives = 1
 stills = 0.5
-[finetune.pair]
+[finetune.pair.window]
 size = 64
 """
 
