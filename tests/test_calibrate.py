@@ -50,7 +50,9 @@ def test_a_signal_that_would_count_the_wrong_way_is_left_out():
     names = [cal.SIGNALS.index(name) for name in ("peak", "first", "rival", "gone")]
     signals[:, names] = rng.normal(0, 1, (4000, 4))
     z = signals[:, names] @ [-1, 2, -1, 1]
-    weights, _ = cal.fit_score(signals, rng.random(4000) < 1 / (1 + np.exp(-z)))
+    overlaps = (rng.random(4000) < 1 / (1 + np.exp(-z))).astype(float)
+    none, one = np.zeros(4000, int), np.zeros((4000, 4))
+    weights, _ = cal.fit_score(cal.Sightings(signals, overlaps, overlaps, one, none, none))
     assert weights[names[0]] == 0
     assert weights[names[1:]] == pytest.approx([2, -1, 1], rel=0.3)
 
@@ -84,7 +86,7 @@ def film(gone: range, frames: int = 30, name: str = "film") -> Sequence:
 @pytest.fixture(scope="module")
 def seen() -> cal.Sightings:
     films = [film(range(12, 30)), film(range(20, 30)), film(range(0))]
-    return cal.observe(entrack.load("cf", threads=1), films)
+    return cal.observe(entrack.load("cf", threads=1), [films])
 
 
 def test_signals_and_weights_make_the_trackers_own_score(seen):
@@ -108,9 +110,21 @@ def test_a_fit_is_better_than_a_score_that_is_none(seen):
     assert found.after is not None and found.after.roc_auc > 0.9
     own = seen.signals @ [found.weights[n] for n in cal.SIGNALS] + found.weights["bias"]
     assert cal.quality(1 / (1 + np.exp(-own)), seen.overlaps).ece < 0.1
-    alone = seen.groups == 0
-    one = cal.Sightings(*(getattr(seen, f.name)[alone] for f in fields(seen)))
-    assert cal.fit(one).after is None
+    assert cal.fit(seen.of(seen.groups == 0)).after is None
+
+
+def test_every_dataset_counts_alike():
+    rng = np.random.default_rng(4)
+    signals = np.zeros((400, len(cal.SIGNALS)))
+    signals[:, 0] = rng.normal(0, 1, 400)
+    hits = (rng.random(400) < 1 / (1 + np.exp(-2 * signals[:, 0]))).astype(float)
+    kinds, errors = np.arange(400) // 300, rng.random((400, 4))
+    two = cal.Sightings(signals, hits, hits, errors, kinds, kinds)
+    assert two.weights.mean() == pytest.approx(1)
+    assert two.weights[:300].sum() == pytest.approx(two.weights[300:].sum())
+    often = two.of(np.concatenate([np.arange(300), np.repeat(np.arange(300, 400), 3)]))
+    assert cal.fit(often).weights == pytest.approx(cal.fit(two).weights, abs=1e-3)
+    assert cal.fit(often).spread == pytest.approx(cal.fit(two).spread, abs=1e-2)
 
 
 def test_where_every_frame_overlaps_there_is_no_area():

@@ -3,7 +3,7 @@
 import shutil
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, fields, replace
-from itertools import count
+from itertools import count, groupby, starmap
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 import entrack
 from entrack.box import iou, to_corners
 from entrack.config import Config, Weights, read_toml
-from entrack.datasets import Sequence, open_dataset
+from entrack.datasets import Dataset, Sequence, open_dataset
 from entrack.errors import EntrackError
 from entrack.evaluation import ope
 from entrack.evaluation import uncertainty as un
@@ -32,7 +32,7 @@ _LEAST_ERROR = 1e-3  # of a box's size: smaller ones are in the annotation
 
 SIGNALS = tuple(f.name for f in fields(Weights) if f.name != "bias")
 """What score and σ are made of; 0 where a model does not have a signal."""
-_SIGNS = {"peak": 1, "psr": 1, "first": 1, "rival": -1, "same": 1, "sigma": -1}
+_SIGNS = {"peak": 1, "psr": 1, "first": 1, "rival": -1, "same": 1, "leap": -1, "sigma": -1}
 """Which way a signal may count for a score. A weight of the other sign is an accident of the
 footage, such as a look-alike that is followed for long, and does harm on any other."""
 
@@ -54,6 +54,8 @@ class Sightings:
         where the target is absent.
     groups
         (N,) number of the sequence.
+    kinds
+        (N,) number of the dataset.
     """
 
     signals: Floats
@@ -61,6 +63,7 @@ class Sightings:
     overlaps: Floats
     errors: Floats
     groups: NDArray[np.int64]
+    kinds: NDArray[np.int64]
 
     def __add__(self, other: "Sightings") -> "Sightings":
         """Both; sequences of the same number are the same."""
@@ -71,6 +74,16 @@ class Sightings:
     def hits(self) -> Flags:
         """Whether IoU > ½ (N,)."""
         return self.overlaps > 0.5
+
+    @property
+    def weights(self) -> Floats:
+        """How much each frame counts (N,): every dataset as much as any other, 1 in the mean."""
+        counts = np.bincount(self.kinds)
+        return (len(self.kinds) / (counts > 0).sum() / np.maximum(counts, 1))[self.kinds]
+
+    def of(self, frames: NDArray[np.bool_ | np.intp]) -> "Sightings":
+        """Only these frames."""
+        return Sightings(*(getattr(self, f.name)[frames] for f in fields(self)))
 
 
 @dataclass(frozen=True)
@@ -111,11 +124,16 @@ class Calibration:
     after: Quality | None
 
 
-def observe(tracker: Tracker, sequences: Iterable[Sequence], most: int | None = None) -> Sightings:
-    """Track sequences from their first box on, `most` frames of each."""
-    rows: list[tuple[list[float], float, float, Floats, int]] = []
-    for group, sequence in enumerate(sequences):
-        rows += [(*row, group) for row in _observe(tracker, sequence, most)]
+def observe(
+    tracker: Tracker, datasets: Iterable[Iterable[Sequence]], most: int | None = None
+) -> Sightings:
+    """Track the sequences of datasets from their first box on, `most` frames of each."""
+    rows: list[tuple[list[float], float, float, Floats, int, int]] = []
+    group = count()
+    for kind, sequences in enumerate(datasets):
+        for sequence in sequences:
+            number = next(group)
+            rows += [(*row, number, kind) for row in _observe(tracker, sequence, most)]
     if not rows:
         raise EntrackError("there is nothing to track: no sequence has two frames")
     return Sightings(*(np.array(column) for column in zip(*rows, strict=True)))
@@ -141,11 +159,15 @@ def _observe(
         yield signals, estimate.score, overlap, away / np.tile(estimate.box[2:], 2)
 
 
-def logistic(x: ArrayLike, y: ArrayLike, ridge: float = _RIDGE) -> tuple[Floats, float]:
+def logistic(
+    x: ArrayLike, y: ArrayLike, ridge: float = _RIDGE, counts: ArrayLike = 1.0
+) -> tuple[Floats, float]:
     """Weights (K,) and bias of a logistic regression of y (N,) on x (N, K), by Newton's method.
 
-    Columns that are not finite or do not change get the weight 0.
+    Columns that are not finite or do not change get the weight 0. `counts` (N,) says how much each
+    row counts.
     """
+    much = np.broadcast_to(np.asarray(counts, np.float64), len(np.asarray(y)))
     raw, event = np.asarray(x, np.float64), np.asarray(y, np.float64)
     centre, spread = raw.mean(axis=0), raw.std(axis=0)
     used = np.isfinite(spread) & (spread > 1e-12)
@@ -154,13 +176,13 @@ def logistic(x: ArrayLike, y: ArrayLike, ridge: float = _RIDGE) -> tuple[Floats,
 
     def loss(w: Floats) -> float:
         z = columns @ w
-        return float((np.logaddexp(0, z) - event * z).sum() + (penalty * w**2).sum() / 2)
+        return float((much * (np.logaddexp(0, z) - event * z)).sum() + (penalty * w**2).sum() / 2)
 
     w = np.zeros(columns.shape[1])
     for _ in range(100):
         p = _chance(columns @ w)
-        slope = columns.T @ (p - event) + penalty * w
-        curvature = (columns * (p * (1 - p))[:, None]).T @ columns + np.diag(penalty + 1e-9)
+        slope = columns.T @ (much * (p - event)) + penalty * w
+        curvature = (columns * (much * p * (1 - p))[:, None]).T @ columns + np.diag(penalty + 1e-9)
         step, before = np.linalg.solve(curvature, slope), loss(w)
         while loss(w - step) > before and np.abs(step).max() > 1e-12:
             step = step / 2
@@ -172,11 +194,15 @@ def logistic(x: ArrayLike, y: ArrayLike, ridge: float = _RIDGE) -> tuple[Floats,
     return weights, float(w[-1] - weights[used] @ centre[used])
 
 
-def quantile(x: ArrayLike, y: ArrayLike, share: float, ridge: float = 1.0) -> Floats:
+def quantile(
+    x: ArrayLike, y: ArrayLike, share: float, ridge: float = 1.0, counts: ArrayLike = 1.0
+) -> Floats:
     """Weights (K + 1,), the last of them a bias, below whose line on x (N, K) a share of y lies.
 
-    Quantile regression, by iterated least squares (Hunter and Lange, 2000).
+    Quantile regression, by iterated least squares (Hunter and Lange, 2000). `counts` (N,) says how
+    much each row counts.
     """
+    much = np.broadcast_to(np.asarray(counts, np.float64), len(np.asarray(y)))
     raw, value = np.asarray(x, np.float64), np.asarray(y, np.float64)
     spread = np.append(raw.std(axis=0), 1.0)
     used = spread > 1e-12
@@ -184,9 +210,9 @@ def quantile(x: ArrayLike, y: ArrayLike, share: float, ridge: float = 1.0) -> Fl
     penalty = np.diag(np.append(np.full(used.sum() - 1, ridge), 1e-9))
     w = np.linalg.lstsq(columns, value, rcond=None)[0]
     for _ in range(200):
-        weight = 1 / (np.abs(value - columns @ w) + 1e-3)
+        weight = much / (np.abs(value - columns @ w) + 1e-3)
         left = columns.T @ (columns * weight[:, None]) + penalty
-        right = columns.T @ (weight * value + 2 * share - 1)
+        right = columns.T @ (weight * value + much * (2 * share - 1))
         before, w = w, np.linalg.solve(left, right)
         if np.abs(w - before).max() < 1e-6:
             break
@@ -214,7 +240,7 @@ def fit(seen: Sightings) -> Calibration:
             f"{what} of {len(hits)} has IoU > .5: a score is fitted to footage in which the target "
             "is both held and lost"
         )
-    weights, bias = fit_score(seen.signals, hits)
+    weights, bias = fit_score(seen)
     many = len(np.unique(seen.groups))
     return Calibration(
         _named(np.append(weights, bias)),
@@ -227,12 +253,14 @@ def fit(seen: Sightings) -> Calibration:
     )
 
 
-def fit_score(signals: Floats, hits: Flags) -> tuple[Floats, float]:
+def fit_score(seen: Sightings) -> tuple[Floats, float]:
     """Weights (K,) and bias of the score, without the signals that would count the wrong way."""
+    signals = seen.signals
     signs = np.array([_SIGNS.get(name, 0) for name in SIGNALS])
     used = np.ones(len(SIGNALS), bool)
     while True:
-        weights, bias = logistic(np.where(used, signals, 0), hits)
+        known = np.where(used, signals, 0)
+        weights, bias = logistic(known, seen.hits, counts=seen.weights)
         wrong = weights * signs * signals.std(axis=0)
         if wrong.min() >= 0:
             return weights, bias
@@ -241,9 +269,10 @@ def fit_score(signals: Floats, hits: Flags) -> tuple[Floats, float]:
 
 def fit_spread(seen: Sightings) -> dict[str, float]:
     """Weights of log σ, below which lie 68 % of the distances of sides from the true ones."""
-    known = np.isfinite(seen.errors).all(axis=1)
-    error = np.log(np.maximum(seen.errors[known], _LEAST_ERROR)).ravel()
-    return _named(quantile(np.repeat(seen.signals[known], 4, axis=0), error, _ONE_SIGMA))
+    known = seen.of(np.flatnonzero(np.isfinite(seen.errors).all(axis=1)))
+    error = np.log(np.maximum(known.errors, _LEAST_ERROR)).ravel()
+    signals, counts = (np.repeat(part, 4, axis=0) for part in (known.signals, known.weights))
+    return _named(quantile(signals, error, _ONE_SIGMA, counts=counts))
 
 
 def _named(weights: Floats) -> dict[str, float]:
@@ -260,7 +289,7 @@ def _left_out(seen: Sightings) -> Floats:
     scores = np.zeros(len(of_frame))
     for k in np.unique(fold):
         out = of_frame == k
-        weights, bias = fit_score(seen.signals[~out], seen.hits[~out])
+        weights, bias = fit_score(seen.of(~out))
         known = np.where(weights != 0, seen.signals[out], 0)
         scores[out] = _chance(known @ weights + bias)
     return scores
@@ -316,30 +345,35 @@ def calibrate(
     passes = 2 if tracker.config.recovery else 1
     number = count()
 
-    def sequences() -> Iterator[Sequence]:
-        for dataset, name in chosen:
-            report(next(number) + 1, passes * len(chosen), name)
-            yield dataset.read(name)
+    def read(dataset: Dataset, name: str) -> Sequence:
+        report(next(number) + 1, passes * len(chosen), name)
+        return dataset.read(name)
 
-    fitted = fit_tracker(tracker, sequences, most)
+    def datasets() -> Iterator[Iterable[Sequence]]:
+        for _, found in groupby(chosen, key=lambda one: id(one[0])):
+            yield starmap(read, found)
+
+    fitted = fit_tracker(tracker, datasets, most)
     write_model(load_model(model).folder, out, fitted.weights, fitted.spread)
     return fitted
 
 
 def fit_tracker(
-    tracker: Tracker, sequences: Callable[[], Iterable[Sequence]], most: int | None = None
+    tracker: Tracker,
+    datasets: Callable[[], Iterable[Iterable[Sequence]]],
+    most: int | None = None,
 ) -> Calibration:
-    """Fit a tracker's score and σ to sequences, which are made twice if it recovers.
+    """Fit a tracker's score and σ to datasets, which are made twice if it recovers.
 
     What it sees when lost, as it goes on, tells what the score has to be; but what a recovering
     tracker then does depends on that score. So it is tracked without recovery first.
     """
     config = tracker.config
-    seen = observe(configured(tracker, replace(config, recovery=None)), sequences(), most)
+    seen = observe(configured(tracker, replace(config, recovery=None)), datasets(), most)
     if config.recovery:
         first = fit(seen)
         known = replace(config, score=replace(config.score, **first.weights))
-        seen += observe(configured(tracker, known), sequences(), most)
+        seen += observe(configured(tracker, known), datasets(), most)
     return fit(seen)
 
 

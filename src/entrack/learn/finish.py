@@ -1,6 +1,6 @@
 """The last step of a training: fit score and σ of what was learned, and say what to do in doubt."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
 from pydantic import ConfigDict, Field
@@ -38,13 +38,12 @@ def finish(tracker: Tracker, clips: list[Sequence], config: FinishConfig) -> Con
         If there is nothing to learn from: it never loses its target, or always.
     """
 
-    def sequences() -> Iterator[Sequence]:
-        yield from clips
-        for name, plan in hard_plan(config.made, config.seed):
-            yield hard_sequence(name, plan)
+    def datasets() -> Iterator[Iterable[Sequence]]:
+        yield clips
+        yield (hard_sequence(name, plan) for name, plan in hard_plan(config.made, config.seed))
 
     update = replace(tracker.config.update, min_score=config.min_score)
     wanted = replace(tracker.config, update=update, recovery=config.recovery)
-    found = fit_tracker(configured(tracker, wanted), sequences, config.frames)
+    found = fit_tracker(configured(tracker, wanted), datasets, config.frames)
     score = replace(wanted.score, **found.weights)
     return replace(wanted, score=score, spread=Weights(**found.spread))
