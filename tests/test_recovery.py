@@ -17,7 +17,7 @@ from test_tracker import Averages, scene
 GROUND = scene((-500, -500))
 START = (60, 100, 40, 40)
 SURE = Config(
-    score=ScoreConfig(bias=-9, peak=0, psr=0, first=10, same=10, lost=-3),
+    score=ScoreConfig(bias=-9, first=10, same=10, lost=-3),
     update=UpdateConfig(rate=0.02, min_score=0.5),
     recovery=RecoveryConfig(),
 )
@@ -121,7 +121,7 @@ def test_a_target_that_moves_as_expected_is_not_doubted():
     window = around((100, 100, 40, 40), WindowConfig())
     moving = search()
     for _ in range(20):
-        moving.follow(np.array([20.0, 0]))  # 3 cells
+        moving.follow(np.array([20.0, 0]), size=40)  # 3 cells
     weights = moving.likely(moving.held, window, 18)
     assert weights is not None
     assert np.unravel_index(weights.argmax(), weights.shape) == (9, 12)
@@ -173,3 +173,34 @@ def test_a_change_of_resolution_while_lost_scales_what_is_held():
         t.update(GROUND)
     large = t.update(np.repeat(np.repeat(GROUND, 2, 0), 2, 1))
     np.testing.assert_allclose(large.box, 2 * np.array(START), atol=6)
+
+
+def test_a_leap_lowers_the_score_for_long():
+    doubts = replace(SURE.score, bias=-34, leap=-3.0)
+    t = started(Config(score=doubts))
+    sure = t.update(scene(START[:2])).score
+    there = scene((START[0] + 24, START[1]))
+    after = [t.update(there) for _ in range(30)]
+    assert iou(after[-1].box, (START[0] + 24, START[1], 40, 40)) > 0.8
+    assert sure > 0.95 > 0.5 > after[0].score
+    assert after[0].score < after[-1].score < sure
+
+
+def test_a_search_undoes_a_leap_and_is_one_itself_where_it_finds_something():
+    there = np.array(START, float)
+    found = search()
+    found.sure(there, 1.0)
+    found.follow(np.array([40.0, 30.0]), size=40, rival=0.8)
+    assert found.leap == pytest.approx(0.8)
+    found.restart(None)
+    assert found.leap == 0
+    found.restart(there + np.array([30, 0, 0, 0]))
+    found.follow(np.zeros(2), size=40, rival=0.6)
+    assert found.leap == pytest.approx(0.6 * 30 / 40)
+
+
+def test_a_leap_is_relative_to_the_usual_motion():
+    search = Search(np.array(START, float), None)
+    for _ in range(20):
+        search.follow(np.array([10.0, 0.0]), size=40)
+    assert search.leap == pytest.approx(0.25 * 0.99**19)

@@ -96,6 +96,10 @@ class Weights:
     """
     same: float = 0.0
     """Cosine of the features in the new box and in the first."""
+    leap: float = 0.0
+    """The logarithm of the greatest leap so far: how far the target was from where it was expected,
+    in sizes, times `rival`. It is forgotten by a hundredth a frame, for what the tracker may have
+    gone over to looks like the target from then on."""
     sigma: float = 0.0
     """The mean logarithm of the policy's σ, in units of the box's size."""
     lost: float = 0.0
@@ -115,11 +119,12 @@ class Weights:
 
 @dataclass(frozen=True, config=_STRICT)
 class ScoreConfig(Weights):
-    """Score = logistic(bias + Σ weight · evidence)."""
+    """Score = logistic(bias + Σ weight · evidence).
 
-    bias: float = -6.0
-    peak: float = 6.0
-    psr: float = 2.0
+    A weight that a `[score]` does not name is 0: weights are fitted together, and no other belongs
+    to them. A configuration without `[score]` has `UNFITTED`.
+    """
+
     lost_below: float = Field(default=0.2, ge=0, le=1)
     """The target counts as lost when the score falls below this …"""
     found_above: float = Field(default=0.4, ge=0, le=1)
@@ -129,6 +134,10 @@ class ScoreConfig(Weights):
         """The score; 0 where the evidence is no number."""
         total = self.total(evidence)
         return 1 / (1 + math.exp(-max(total, -700.0))) if math.isfinite(total) else 0.0
+
+
+UNFITTED = ScoreConfig(bias=-6.0, peak=6.0, psr=2.0)
+"""A rough score of the response alone, for a tracker whose score was never fitted."""
 
 
 @dataclass(frozen=True, config=_STRICT)
@@ -194,7 +203,7 @@ class Config:
     filter: FilterConfig = Field(default_factory=FilterConfig)
     scale: ScaleConfig = Field(default_factory=ScaleConfig)
     update: UpdateConfig = Field(default_factory=UpdateConfig)
-    score: ScoreConfig = Field(default_factory=ScoreConfig)
+    score: ScoreConfig = UNFITTED
     limits: LimitsConfig = Field(default_factory=LimitsConfig)
     spread: Weights | None = None
     """σ of the sides in units of the box's size is exp(bias + Σ weight · evidence); without this, σ

@@ -23,6 +23,10 @@ from entrack.window import Window
 
 HERE, ELSEWHERE = 1.5, 2.5
 """Cells from the box's centre up to which a response is the box's, and from which on another's."""
+FORGET = 0.01
+"""Share of the greatest leap that is forgotten in a frame."""
+LEAST = 0.02
+"""Leaps far below it are alike, and none."""
 FAINT = 0.02
 """A height below which a response says nothing."""
 POINTS = 6
@@ -121,6 +125,12 @@ class Search:
     """How the target's centre moves from frame to frame, a running mean (2,) in pixels …"""
     unrest: float = 0.0
     """… and how far from that it is found, a slower one."""
+    leap: float = 0.0
+    """The greatest leap so far, see `entrack.config.Weights`; that of the box that is held is …"""
+    held_leap: float = 0.0
+    """… this."""
+    far: float = 0.0
+    """How far from that box it looks for the target in this frame, in sizes."""
     visited: dict[tuple[int, int], int] = field(default_factory=dict[tuple[int, int], int])
     """When each place was looked at last."""
 
@@ -140,9 +150,12 @@ class Search:
         config = self.config
         return self.size * min(config.growth * self.gone, config.reach) if config else 0.0
 
-    def follow(self, step: NDArray[np.float64]) -> None:
-        """Hear how far the centre has moved (2,)."""
-        self.unrest += (math.hypot(*(step - self.step)) - self.unrest) / 10
+    def follow(self, step: NDArray[np.float64], size: float, rival: float = 1.0) -> None:
+        """Hear how far the centre of a box with this size has moved (2,), and of its rival."""
+        away = math.hypot(*(step - self.step))
+        leap = min(max(away / size, self.far), 1.0) * rival
+        self.leap, self.far = max((1 - FORGET) * self.leap, leap), 0.0
+        self.unrest += (away - self.unrest) / 10
         self.step = (self.step + step) / 2
 
     def likely(self, box: Boxes, window: Window, n: int) -> cf.Features | None:
@@ -162,6 +175,7 @@ class Search:
         """Come back to this box if the next ones are none, if the score is high enough for that."""
         if self.config and score >= self.config.sure_above:
             self.held, self.gone, self.visited = box.copy(), 0, {}
+            self.held_leap = self.leap
 
     def decide(self, found: bool) -> None:
         """Hear whether the target seems to be found in this frame."""
@@ -172,8 +186,10 @@ class Search:
 
     def restart(self, place: Boxes | None) -> Boxes:
         """Where to work in the next frame: at `place`, or where the target was last."""
-        self.step = np.zeros(2)
-        return self.held.copy() if place is None else place
+        place = self.held.copy() if place is None else place
+        self.step, self.leap = np.zeros(2), self.held_leap
+        self.far = math.hypot(*(boxes_.centre(place) - boxes_.centre(self.held))) / self.size
+        return place
 
     def places(self, frame: tuple[int, int]) -> list[Boxes]:
         """Where to look for a lost target: at the held box and at most `looks` others.

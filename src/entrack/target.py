@@ -100,4 +100,4 @@ class Target:
     def resize(self, ratio: NDArray[np.float64]) -> None:
         """Follow a change of the frame's size: `ratio` (4,)."""
         self.box, self.first = self.box * ratio, self.first * ratio
-        self.search.held = self.search.held * ratio
+        self.search.held, self.search.step = self.search.held * ratio, self.search.step * ratio[:2]

@@ -19,7 +19,7 @@ from entrack.box import Boxes
 from entrack.config import Config
 from entrack.errors import EntrackError
 from entrack.policy import Policy
-from entrack.recovery import Origin, Search, likeliest
+from entrack.recovery import LEAST, Origin, Search, likeliest
 from entrack.state import State, held, shifted
 from entrack.target import Answer, Estimate, Look, Target
 from entrack.trunk import Trunk, each
@@ -318,11 +318,13 @@ class Tracker:
         centre = np.clip(boxes_.centre(answer.box), 0, self._size)
         centre, size = (np.round(v * PLACES) / PLACES for v in (centre, size))
         searched, target.box = target.box, boxes_.from_centre(centre, size)
-        target.search.follow(centre - boxes_.centre(searched))
-        score = config.chance(answer.evidence) if sound else 0.0
-        assert self._frame is not None and target.look is not None
-        target.look = replace(target.look, evidence=answer.evidence)
         search = target.search
+        step, side = centre - boxes_.centre(searched), math.sqrt(searched[2] * searched[3])
+        search.follow(step, side, answer.evidence.get("rival", 1.0))
+        evidence = answer.evidence | {"leap": math.log(LEAST + search.leap)}
+        score = config.chance(evidence) if sound else 0.0
+        assert self._frame is not None and target.look is not None
+        target.look = replace(target.look, evidence=evidence)
         search.decide(score >= (config.found_above if search.lost else config.lost_below))
         learn, window = self.config.update, self.config.window
         due = learn.rate > 0 and target.waited + 1 >= learn.every and score >= learn.min_score

@@ -27,7 +27,7 @@ from entrack.errors import EntrackError, require
 from entrack.files import unfinished, write_bytes
 from entrack.model import Model, assets
 from entrack.policy import LOG_STD, OUTWARDS, Policy, load_policy
-from entrack.recovery import ELSEWHERE, FAINT, HERE, ORIGIN, POINTS
+from entrack.recovery import ELSEWHERE, FAINT, FORGET, HERE, LEAST, ORIGIN, POINTS
 from entrack.state import GRID, GROWN, Conditioned
 from entrack.state import _resize as resize_matrix  # pyright: ignore[reportPrivateUsage]
 from entrack.tracker import PLACES
@@ -46,11 +46,9 @@ def export_model(model: Model, out: Path, precision: str = "model") -> list[Path
         If the model saves passes of the trunk in a way that the exported step does not know.
     """
     require("onnx", "train")
-    update, scale = model.config.update, model.config.scale
-    if update.every != 1 or update.seen != "again" or scale.every != 1:
-        found = f"update.every = {update.every}, update.seen = {update.seen!r}"
-        found += f" and scale.every = {scale.every}"
-        raise EntrackError(f"{model.name} has {found}; only 1, 'again' and 1 can be exported")
+    every = model.config.update.every
+    if every != 1:
+        raise EntrackError(f"{model.name} has update.every = {every}; only 1 can be exported")
     out.mkdir(parents=True, exist_ok=True)
     policy = None
     if model.policy and model.config.policy:
@@ -69,13 +67,14 @@ def export_model(model: Model, out: Path, precision: str = "model") -> list[Path
         "context": config.window.context,
         "square": config.window.shape == "square",
         "border": config.window.border,
+        "again": config.update.seen == "again",
         "zooms": (config.scale.factor ** np.arange(-half, half + 1.0)).tolist(),
     }
     write_bytes(out / "model.json", (json.dumps(facts, indent=1) + "\n").encode())
     shutil.copyfile(assets() / "export" / "track.py.txt", out / "track.py")
     text = _CARD.format(
         name=model.name, size=config.window.size, n=step.n, c=channels, k=config.scale.steps,
-        memory=_MEMORY if step.keeps_first else "", sigma=_SIGMA if policy else "", places=PLACES,
+        memory="".join(_MEMORY[name] for name in step.remembered if name in _MEMORY), sigma=_SIGMA if policy else "", places=PLACES,
         without=_WITHOUT if config.recovery else "",
     )  # fmt: skip
     write_bytes(out / "README.md", text.encode())
@@ -125,12 +124,17 @@ class Step(nn.Module):
         self.compares = config.score.compares
         self.remembers = policy is not None and isinstance(policy.f1, Conditioned)
         self.keeps_first = self.remembers or self.compares
+        self.remembered = ["first_size", "template", "score"]
+        self.remembered += ["first", "roi"] if self.keeps_first else []
+        self.remembered += ["motion"] if config.score.leap else []
+        self.remembered += ["turn"] if config.scale.every > 1 else []
+        self.middle = half
         weights = {} if policy is None else _weights(policy, n)
         self.w = {name: torch.from_numpy(np.array(w, np.float32)) for name, w in weights.items()}
 
     def forward(
         self, features: Tensor, box: Tensor, image: Tensor, first_size: Tensor, template: Tensor,
-        score: Tensor, first: Tensor, roi: Tensor,
+        score: Tensor, first: Tensor, roi: Tensor, motion: Tensor, turn: Tensor,
     ) -> tuple[Tensor, ...]:  # fmt: skip
         """See the card that `export_model` writes."""
         config, new = self.config, (first_size[0] == 0).float()
@@ -143,39 +147,77 @@ class Step(nn.Module):
         share = (size / window).float()
         roi = roi + new * torch.cat([0.5 - share / 2, share])
         first = first + new * features[0]
-        learn = config.update.rate * (score >= config.update.min_score).float()
-        rate = torch.maximum(new, learn)
+        if config.scale.every == 1:
+            turn = torch.zeros(())
+        again = config.update.seen == "again"
+        rate = torch.maximum(new, self.rate(score)) if again else new
         template = (1 - rate) * template + rate * (features[0] * self.taper)  # eq. 14
         held = torch.cat([share, (size / first_size).log().float()])
-        move, score, *sigma = self.answer(template, features[1:], held, first, roi)
-        centre = box[:2] + size / 2 + move[:2].double() * window
+        move, logit, rival, used, *sigma = self.answer(
+            template, features[1:], held, first, roi, turn
+        )
+        before, last = box[:2] + size / 2, size.prod().sqrt()
+        centre = before + move[:2].double() * window
         centre = torch.minimum(centre.clamp_min(0), image)
         size, limits = size * move[2:].double(), config.limits
         size = torch.minimum(size, limits.largest * first_size)
         size = torch.maximum(size, limits.smallest * first_size)
         centre, size = (torch.round(v * PLACES) / PLACES for v in (centre, size))
         box = torch.cat([centre - size / 2, size])
-        memory = [first_size.float(), template, score] + ([first, roi] if self.keeps_first else [])
-        return box.float(), *sigma, *memory
+        motion = self.moved(motion, (centre - before).float(), last.float(), rival)
+        if config.score.leap:
+            logit = logit + config.score.leap * (LEAST + motion[2]).log()
+        score = torch.sigmoid(logit)
+        if not again:
+            seen = window * self.zooms[used].double()
+            side = size.prod().sqrt().expand(2) if config.window.shape == "square" else size
+            side = side * config.window.context
+            place = torch.cat([(centre - side / 2 - before) / seen + 0.5, side / seen]).float()
+            x = self.sample_grid(features[1:][used][0], place, self.n, 1.0) * self.taper
+            rate = self.rate(score)
+            template = (1 - rate) * template + rate * x
+        memory = {
+            "first_size": first_size.float(), "template": template, "score": score,
+            "first": first, "roi": roi, "motion": motion,
+            "turn": torch.where(turn > 0, turn - 1, config.scale.every - 1.0),
+        }  # fmt: skip
+        return box.float(), *sigma, *(memory[name] for name in self.remembered)
+
+    def rate(self, score: Tensor) -> Tensor:
+        """θ of eq. 14, where the score is high enough."""
+        update = self.config.update
+        return update.rate * (score >= update.min_score).float()
+
+    def moved(self, motion: Tensor, step: Tensor, size: Tensor, rival: Tensor) -> Tensor:
+        """`recovery.Search.follow`: the usual step, and the greatest leap (3,)."""
+        away = ((step - motion[:2]).norm() / size).clamp_max(1.0) * rival
+        leap = torch.maximum((1 - FORGET) * motion[2], away)
+        return torch.cat([(motion[:2] + step) / 2, leap[None]])
 
     def answer(
-        self, template: Tensor, features: Tensor, held: Tensor, first: Tensor, roi: Tensor
-    ) -> list[Tensor]:
-        """How far the box moves and grows (4,), in windows and sizes; the score; maybe σ."""
+        self, template: Tensor, features: Tensor, held: Tensor, first: Tensor, roi: Tensor,
+        turn: Tensor,
+    ) -> list[Tensor]:  # fmt: skip
+        """What is found in this frame's features.
+
+        How far the box moves and grows (4,), in windows and sizes; the score's logit, but for the
+        leap; the rival; the index (1,) of the size that was used; maybe σ.
+        """
         responses = self.respond(template, features * self.taper)
-        heights = responses.amax((1, 2))
-        best = (heights * self.penalties).argmax(0, keepdim=True)
+        middle, heights = self.middle, responses.amax((1, 2))
+        elsewhere = (torch.arange(len(heights)) != middle) & (turn > 0)  # sizes not looked at
+        best = (heights * self.penalties - 1e9 * elsewhere).argmax(0, keepdim=True)
         zoom, scale = self.zooms[best], self.config.scale
         grown = scale.rate * (self.highest(heights) if scale.between else zoom - 1)
         growth = grown.exp() if scale.between else 1 + grown
+        growth = torch.where(turn > 0, 1.0, growth)
         if self.policy is None:
             dx, dy, height, psr = self.peak(responses[best][0])
             offset = torch.stack([dx, dy]) * zoom / self.n
             size = torch.cat([growth, growth])
             evidence = {"peak": height, "psr": psr}
             evidence |= self.compared(features[best][0], first, roi, held, zoom, offset, size)
-            return [torch.cat([offset, size]), self.score(evidence)]
-        middle = self.config.scale.steps // 2
+            return [torch.cat([offset, size]), *self.total(evidence), best]
         response = responses[middle]
         _, _, height, psr = self.peak(response)
         mean, log_std = self.act(features[middle], response, held, first, roi)
@@ -188,7 +230,7 @@ class Step(nn.Module):
         offset, size = (low + high) / 2 * held[:2], self.temper(high - low, growth)
         evidence = {"peak": height, "psr": psr, "sigma": sigma.log().mean()}
         evidence |= self.compared(features[middle], first, roi, held, 1.0, offset, size)
-        return [torch.cat([offset, size]), self.score(evidence), sigma]
+        return [torch.cat([offset, size]), *self.total(evidence), torch.tensor([middle]), sigma]
 
     def temper(self, size: Tensor, searched: Tensor) -> Tensor:
         """`Tracker._acted`: how much of the change of size is the scale search's."""
@@ -201,12 +243,12 @@ class Step(nn.Module):
             growth = growth.mean(0, keepdim=True).expand(2)
         return torch.exp((1 - config.search) * growth + config.search * searched.log())
 
-    def score(self, evidence: dict[str, Tensor]) -> Tensor:
-        """`ScoreConfig`."""
+    def total(self, evidence: dict[str, Tensor]) -> tuple[Tensor, Tensor]:
+        """`Weights.total`, but for the leap; and the rival."""
         config = self.config.score
         seen = evidence | {"psr": evidence["psr"].clamp_min(1e-3).log()}
         parts = [getattr(config, name) * value for name, value in seen.items()]
-        return torch.sigmoid(config.bias + torch.stack(parts).sum())
+        return config.bias + torch.stack(parts).sum(), evidence.get("rival", torch.ones(()))
 
     def compared(
         self, z: Tensor, first: Tensor, roi: Tensor, held: Tensor, zoom: Any, offset: Tensor,
@@ -386,12 +428,11 @@ def _write_step(step: Step, c: int, path: Path) -> None:
     n, k = step.n, step.config.scale.steps
     shapes = {
         "features": (1 + k, c, n, n), "box": (4,), "image": (2,), "first_size": (2,),
-        "template": (c, n, n), "score": (), "first": (c, n, n), "roi": (4,),
+        "template": (c, n, n), "score": (), "first": (c, n, n), "roi": (4,), "motion": (3,),
+        "turn": (),
     }  # fmt: skip
-    remembered = ["first_size", "template", "score"] + (
-        ["first", "roi"] if step.keeps_first else []
-    )
-    outputs = ["box_out"] + (["sigma"] if step.policy else []) + [f"{m}_out" for m in remembered]
+    outputs = ["box_out"] + (["sigma"] if step.policy else [])
+    outputs += [f"{m}_out" for m in step.remembered]
     values = tuple(torch.rand(shape) for shape in shapes.values())
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -402,9 +443,15 @@ def _write_step(step: Step, c: int, path: Path) -> None:
     unfinished(path).replace(path)
 
 
-_MEMORY = """| `first` | `first_out` | Z of the first frame's window |
-| `roi` | `roi_out` | float32 (4,): the first box in that window, x, y, w, h in shares of its side |
-"""
+_MEMORY = {
+    "first": "| `first` | `first_out` | Z of the first frame's window |\n",
+    "roi": "| `roi` | `roi_out` | float32 (4,): the first box in that window, x, y, w, h in shares of "
+    "its side |\n",
+    "motion": "| `motion` | `motion_out` | float32 (3,): how the target moves in a frame, x, y in "
+    "pixels, and the greatest leap from that, in sizes |\n",
+    "turn": "| `turn` | `turn_out` | float32 (): frames until other sizes than the last are looked at; "
+    "above 0, `features` of the other `zooms` are not used |\n",
+}
 _SIGMA = """
 `sigma`, float32 (4,): standard deviation of the left, top, right and bottom side, in units of the last box's size.
 """
