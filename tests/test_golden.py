@@ -101,7 +101,7 @@ def test_scoring_ten_trackers_on_otb100_takes_seconds(golden, tmp_path):
         [f"otb:{golden}/otb100/groundtruth.json"], trackers, tmp_path / "out", Options()
     )
     assert len(evaluation.run().rows) == 10
-    assert time.process_time() - started < 5
+    assert time.process_time() - started < 15  # 8 on a processor of 2017
 
 
 def test_scoring_lasot_takes_seconds_and_little_memory(golden, tmp_path):
