@@ -35,7 +35,9 @@ class Visitor:
         self.on_picture: Callable[[str], None] = lambda source: None
         self._changed = asyncio.Event()
         self._seen = 0
-        self._http = aiohttp.ClientSession()
+        # As in a browser, the websocket has a connection to itself: one that has served a page
+        # before is sometimes closed as unused, though it is a websocket by then (uvicorn 0.54).
+        self._http = aiohttp.ClientSession(connector=aiohttp.TCPConnector(force_close=True))
         self._socket = socketio.AsyncClient(http_session=self._http, reconnection=False)
 
     async def open(self) -> "Visitor":
