@@ -7,9 +7,10 @@ import pytest
 
 from entrack import box as boxes
 from entrack import filter as cf
+from entrack import load
 from entrack.box import iou
 from entrack.config import Config, RecoveryConfig, ScoreConfig, UpdateConfig, Weights, WindowConfig
-from entrack.recovery import Search, likeliest
+from entrack.recovery import Past, Search, likeliest
 from entrack.tracker import Tracker
 from entrack.window import around
 from test_tracker import Averages, scene
@@ -191,16 +192,46 @@ def test_a_search_undoes_a_leap_and_is_one_itself_where_it_finds_something():
     found = search()
     found.sure(there, 1.0)
     found.follow(np.array([40.0, 30.0]), size=40, rival=0.8)
-    assert found.leap == pytest.approx(0.8)
+    assert found.past.leap == pytest.approx(0.8)
     found.restart(None)
-    assert found.leap == 0
+    assert found.past.leap == 0
     found.restart(there + np.array([30, 0, 0, 0]))
     found.follow(np.zeros(2), size=40, rival=0.6)
-    assert found.leap == pytest.approx(0.6 * 30 / 40)
+    assert found.past.leap == pytest.approx(0.6 * 30 / 40)
 
 
 def test_a_leap_is_relative_to_the_usual_motion():
     search = Search(np.array(START, float), None)
     for _ in range(20):
         search.follow(np.array([10.0, 0.0]), size=40)
-    assert search.leap == pytest.approx(0.25 * 0.99**19)
+    assert search.past.leap == pytest.approx(0.25 * 0.99**19)
+
+
+def test_a_look_that_changes_at_once_is_a_fall_and_one_that_turns_slowly_is_none():
+    turns, changes = Past(), Past()
+    for k in range(61):
+        turns = turns.then(leap=0.0, same=1 - 0.01 * k)
+        changes = changes.then(leap=0.0, same=1.0 if k < 30 else 0.4)
+    assert turns.fall < 0.05
+    assert changes.fall == pytest.approx(0.6 * 0.99**30)
+    assert changes.evidence["fall"] > turns.evidence["fall"] + 1
+
+
+def test_what_a_search_comes_back_to_is_what_it_looked_like_then():
+    there = np.array(START, float)
+    back = search()
+    back.follow(np.zeros(2), size=40, same=0.9)
+    back.sure(there, 1.0)
+    back.follow(np.zeros(2), size=40, same=0.2)
+    assert back.past.fall == pytest.approx(0.7)
+    back.restart(None)
+    assert back.past.fall == 0 and back.past.usual == pytest.approx(0.9)
+
+
+def test_the_shipped_models_say_lost_at_once_when_the_picture_is_black():
+    frame = np.random.default_rng(0).integers(0, 255, (240, 320, 3), np.uint8)
+    for name in ("default", "longterm"):
+        t = load(name, threads=1)
+        t.init(frame, (140, 100, 40, 40))
+        assert not t.update(frame).lost
+        assert t.update(np.zeros_like(frame)).lost

@@ -32,7 +32,10 @@ _LEAST_ERROR = 1e-3  # of a box's size: smaller ones are in the annotation
 
 SIGNALS = tuple(f.name for f in fields(Weights) if f.name != "bias")
 """What score and σ are made of; 0 where a model does not have a signal."""
-_SIGNS = {"peak": 1, "psr": 1, "first": 1, "rival": -1, "same": 1, "leap": -1, "sigma": -1}
+_SIGNS = {
+    "peak": 1, "psr": 1, "first": 1, "unseen": -1, "rival": -1, "same": 1,
+    "leap": -1, "fall": -1, "sigma": -1,
+}  # fmt: skip
 """Which way a signal may count for a score. A weight of the other sign is an accident of the
 footage, such as a look-alike that is followed for long, and does harm on any other."""
 

@@ -91,6 +91,8 @@ class Weights:
     first: float = 0.0
     """The height at the new box of the response to the first frame's filter, which sees the target
     alone and never learns."""
+    unseen: float = 0.0
+    """By how much of .2 `first` is below that: 1 where nothing like the target is seen."""
     rival: float = 0.0
     """That response's highest peak elsewhere in units of `first`: something looks like the target.
     """
@@ -100,6 +102,9 @@ class Weights:
     """The logarithm of the greatest leap so far: how far the target was from where it was expected,
     in sizes, times `rival`. It is forgotten by a hundredth a frame, for what the tracker may have
     gone over to looks like the target from then on."""
+    fall: float = 0.0
+    """The logarithm of the greatest fall so far of `same` below its mean of the last frames,
+    forgotten as a leap is: what turns changes slowly, another one at once."""
     sigma: float = 0.0
     """The mean logarithm of the policy's σ, in units of the box's size."""
     lost: float = 0.0
@@ -110,7 +115,7 @@ class Weights:
     @property
     def compares(self) -> bool:
         """Whether the target's first look counts, which takes time to compare with."""
-        return bool(self.first or self.rival or self.same)
+        return any((self.first, self.unseen, self.rival, self.same, self.fall))
 
     def total(self, evidence: Mapping[str, float]) -> float:
         """`bias` + Σ weight · evidence."""

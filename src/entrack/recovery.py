@@ -24,9 +24,14 @@ from entrack.window import Window
 HERE, ELSEWHERE = 1.5, 2.5
 """Cells from the box's centre up to which a response is the box's, and from which on another's."""
 FORGET = 0.01
-"""Share of the greatest leap that is forgotten in a frame."""
+"""Share of the greatest leap and the greatest fall that is forgotten in a frame."""
 LEAST = 0.02
-"""Leaps far below it are alike, and none."""
+"""Leaps and falls far below it are alike, and none."""
+HABIT = 0.3
+"""Share of a frame in the running mean that a fall starts from: looks that change slowly are the
+target's own, and another's come at once."""
+NOTHING = 0.2
+"""A height of the first look's response below which it is doubted that anything like it is seen."""
 FAINT = 0.02
 """A height below which a response says nothing."""
 POINTS = 6
@@ -66,7 +71,7 @@ class Origin:
     def evidence(
         self, response: cf.Features, features: cf.Features, box: Boxes, window: Window
     ) -> dict[str, float]:
-        """How much `box` looks like it: `first`, `rival` and `same` of `entrack.config.Weights`.
+        """How much `box` looks like it: `first`, `unseen`, `rival`, `same`, see `config.Weights`.
 
         `response` (n, n) is that of `weights`, in a window with features Z (C, n, n).
         """
@@ -77,7 +82,39 @@ class Origin:
         seen = _points(features, box, window) - self.mean
         length = float(np.linalg.norm(seen) * np.linalg.norm(self.points))
         same = float((seen * self.points).sum()) / max(length, 1e-9)
-        return {"first": first, "rival": min(max(rival, 0.0), 2.0), "same": same}
+        unseen = 1 - min(max(first / NOTHING, 0.0), 1.0)
+        rival = min(max(rival, 0.0), 2.0)
+        return {"first": first, "unseen": unseen, "rival": rival, "same": same}
+
+
+@dataclass(frozen=True)
+class Past:
+    """What has happened since the first frame, which no later picture tells.
+
+    >>> Past().then(leap=0.5, same=0.9).then(leap=0.0, same=0.6)
+    Past(leap=0.495, fall=0.3, usual=0.81)
+    """
+
+    leap: float = 0.0
+    """The greatest leap so far, see `entrack.config.Weights` …"""
+    fall: float = 0.0
+    """… and the greatest fall."""
+    usual: float | None = None
+    """The running mean of `same`; None before there was one."""
+
+    def then(self, leap: float, same: float) -> "Past":
+        """One frame later."""
+        usual = same if self.usual is None else self.usual
+        return Past(
+            max((1 - FORGET) * self.leap, leap),
+            max((1 - FORGET) * self.fall, usual - same),
+            (1 - HABIT) * usual + HABIT * same,
+        )
+
+    @property
+    def evidence(self) -> dict[str, float]:
+        """For the score."""
+        return {"leap": math.log(LEAST + self.leap), "fall": math.log(LEAST + self.fall)}
 
 
 def _away(n: int, place: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -125,9 +162,9 @@ class Search:
     """How the target's centre moves from frame to frame, a running mean (2,) in pixels …"""
     unrest: float = 0.0
     """… and how far from that it is found, a slower one."""
-    leap: float = 0.0
-    """The greatest leap so far, see `entrack.config.Weights`; that of the box that is held is …"""
-    held_leap: float = 0.0
+    past: Past = Past()
+    """What tells that it may be another one by now; that of the box that is held is …"""
+    held_past: Past = Past()
     """… this."""
     far: float = 0.0
     """How far from that box it looks for the target in this frame, in sizes."""
@@ -150,11 +187,13 @@ class Search:
         config = self.config
         return self.size * min(config.growth * self.gone, config.reach) if config else 0.0
 
-    def follow(self, step: NDArray[np.float64], size: float, rival: float = 1.0) -> None:
-        """Hear how far the centre of a box with this size has moved (2,), and of its rival."""
+    def follow(
+        self, step: NDArray[np.float64], size: float, rival: float = 1.0, same: float = 1.0
+    ) -> None:
+        """Hear how far the centre of a box of this size has moved (2,), and what it looks like."""
         away = math.hypot(*(step - self.step))
         leap = min(max(away / size, self.far), 1.0) * rival
-        self.leap, self.far = max((1 - FORGET) * self.leap, leap), 0.0
+        self.past, self.far = self.past.then(leap, same), 0.0
         self.unrest += (away - self.unrest) / 10
         self.step = (self.step + step) / 2
 
@@ -175,7 +214,7 @@ class Search:
         """Come back to this box if the next ones are none, if the score is high enough for that."""
         if self.config and score >= self.config.sure_above:
             self.held, self.gone, self.visited = box.copy(), 0, {}
-            self.held_leap = self.leap
+            self.held_past = self.past
 
     def decide(self, found: bool) -> None:
         """Hear whether the target seems to be found in this frame."""
@@ -187,7 +226,7 @@ class Search:
     def restart(self, place: Boxes | None) -> Boxes:
         """Where to work in the next frame: at `place`, or where the target was last."""
         place = self.held.copy() if place is None else place
-        self.step, self.leap = np.zeros(2), self.held_leap
+        self.step, self.past = np.zeros(2), self.held_past
         self.far = math.hypot(*(boxes_.centre(place) - boxes_.centre(self.held))) / self.size
         return place
 

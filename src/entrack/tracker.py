@@ -19,7 +19,7 @@ from entrack.box import Boxes
 from entrack.config import Config
 from entrack.errors import EntrackError
 from entrack.policy import Policy
-from entrack.recovery import LEAST, Origin, Search, likeliest
+from entrack.recovery import Origin, Search, likeliest
 from entrack.state import State, held, shifted
 from entrack.target import Answer, Estimate, Look, Target
 from entrack.trunk import Trunk, each
@@ -320,8 +320,9 @@ class Tracker:
         searched, target.box = target.box, boxes_.from_centre(centre, size)
         search = target.search
         step, side = centre - boxes_.centre(searched), math.sqrt(searched[2] * searched[3])
-        search.follow(step, side, answer.evidence.get("rival", 1.0))
-        evidence = answer.evidence | {"leap": math.log(LEAST + search.leap)}
+        looks = {k: v for k, v in answer.evidence.items() if k in ("rival", "same")}
+        search.follow(step, side, **looks)
+        evidence = answer.evidence | search.past.evidence
         score = config.chance(evidence) if sound else 0.0
         assert self._frame is not None and target.look is not None
         target.look = replace(target.look, evidence=evidence)

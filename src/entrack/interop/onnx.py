@@ -27,7 +27,17 @@ from entrack.errors import EntrackError, require
 from entrack.files import unfinished, write_bytes
 from entrack.model import Model, assets
 from entrack.policy import LOG_STD, OUTWARDS, Policy, load_policy
-from entrack.recovery import ELSEWHERE, FAINT, FORGET, HERE, LEAST, ORIGIN, POINTS
+from entrack.recovery import (
+    ELSEWHERE,
+    FAINT,
+    FORGET,
+    HABIT,
+    HERE,
+    LEAST,
+    NOTHING,
+    ORIGIN,
+    POINTS,
+)
 from entrack.state import GRID, GROWN, Conditioned
 from entrack.state import _resize as resize_matrix  # pyright: ignore[reportPrivateUsage]
 from entrack.tracker import PLACES
@@ -71,8 +81,10 @@ def export_model(model: Model, out: Path, precision: str = "model") -> list[Path
         "zooms": (config.scale.factor ** np.arange(-half, half + 1.0)).tolist(),
     }
     write_bytes(out / "model.json", (json.dumps(facts, indent=1) + "\n").encode())
-    shutil.copyfile(assets() / "export" / "track.py.txt", out / "track.py")
-    text = _CARD.format(
+    texts = assets() / "export"
+    shutil.copyfile(texts / "track.py.txt", out / "track.py")
+    card = (texts / "README.md.txt").read_text()
+    text = card.format(
         name=model.name, size=config.window.size, n=step.n, c=channels, k=config.scale.steps,
         memory="".join(_MEMORY[name] for name in step.remembered if name in _MEMORY), sigma=_SIGMA if policy else "", places=PLACES,
         without=_WITHOUT if config.recovery else "",
@@ -126,7 +138,7 @@ class Step(nn.Module):
         self.keeps_first = self.remembers or self.compares
         self.remembered = ["first_size", "template", "score"]
         self.remembered += ["first", "roi"] if self.keeps_first else []
-        self.remembered += ["motion"] if config.score.leap else []
+        self.remembered += ["past"] if config.score.leap or config.score.fall else []
         self.remembered += ["turn"] if config.scale.every > 1 else []
         self.middle = half
         weights = {} if policy is None else _weights(policy, n)
@@ -134,7 +146,7 @@ class Step(nn.Module):
 
     def forward(
         self, features: Tensor, box: Tensor, image: Tensor, first_size: Tensor, template: Tensor,
-        score: Tensor, first: Tensor, roi: Tensor, motion: Tensor, turn: Tensor,
+        score: Tensor, first: Tensor, roi: Tensor, past: Tensor, turn: Tensor,
     ) -> tuple[Tensor, ...]:  # fmt: skip
         """See the card that `export_model` writes."""
         config, new = self.config, (first_size[0] == 0).float()
@@ -153,9 +165,7 @@ class Step(nn.Module):
         rate = torch.maximum(new, self.rate(score)) if again else new
         template = (1 - rate) * template + rate * (features[0] * self.taper)  # eq. 14
         held = torch.cat([share, (size / first_size).log().float()])
-        move, logit, rival, used, *sigma = self.answer(
-            template, features[1:], held, first, roi, turn
-        )
+        move, seen, used, *sigma = self.answer(template, features[1:], held, first, roi, turn)
         before, last = box[:2] + size / 2, size.prod().sqrt()
         centre = before + move[:2].double() * window
         centre = torch.minimum(centre.clamp_min(0), image)
@@ -164,21 +174,20 @@ class Step(nn.Module):
         size = torch.maximum(size, limits.smallest * first_size)
         centre, size = (torch.round(v * PLACES) / PLACES for v in (centre, size))
         box = torch.cat([centre - size / 2, size])
-        motion = self.moved(motion, (centre - before).float(), last.float(), rival)
-        if config.score.leap:
-            logit = logit + config.score.leap * (LEAST + motion[2]).log()
-        score = torch.sigmoid(logit)
+        past = self.followed(past, new, (centre - before).float(), last.float(), seen)
+        leap, fall = (LEAST + past[2:4]).log()
+        score = torch.sigmoid(self.total(seen | {"leap": leap, "fall": fall}))
         if not again:
-            seen = window * self.zooms[used].double()
+            wide = window * self.zooms[used].double()
             side = size.prod().sqrt().expand(2) if config.window.shape == "square" else size
             side = side * config.window.context
-            place = torch.cat([(centre - side / 2 - before) / seen + 0.5, side / seen]).float()
+            place = torch.cat([(centre - side / 2 - before) / wide + 0.5, side / wide]).float()
             x = self.sample_grid(features[1:][used][0], place, self.n, 1.0) * self.taper
             rate = self.rate(score)
             template = (1 - rate) * template + rate * x
         memory = {
             "first_size": first_size.float(), "template": template, "score": score,
-            "first": first, "roi": roi, "motion": motion,
+            "first": first, "roi": roi, "past": past,
             "turn": torch.where(turn > 0, turn - 1, config.scale.every - 1.0),
         }  # fmt: skip
         return box.float(), *sigma, *(memory[name] for name in self.remembered)
@@ -188,20 +197,14 @@ class Step(nn.Module):
         update = self.config.update
         return update.rate * (score >= update.min_score).float()
 
-    def moved(self, motion: Tensor, step: Tensor, size: Tensor, rival: Tensor) -> Tensor:
-        """`recovery.Search.follow`: the usual step, and the greatest leap (3,)."""
-        away = ((step - motion[:2]).norm() / size).clamp_max(1.0) * rival
-        leap = torch.maximum((1 - FORGET) * motion[2], away)
-        return torch.cat([(motion[:2] + step) / 2, leap[None]])
-
     def answer(
         self, template: Tensor, features: Tensor, held: Tensor, first: Tensor, roi: Tensor,
         turn: Tensor,
-    ) -> list[Tensor]:  # fmt: skip
+    ) -> tuple[Any, ...]:  # fmt: skip
         """What is found in this frame's features.
 
-        How far the box moves and grows (4,), in windows and sizes; the score's logit, but for the
-        leap; the rival; the index (1,) of the size that was used; maybe σ.
+        How far the box moves and grows (4,), in windows and sizes; the evidence for the score; the
+        index (1,) of the size that was used; maybe σ.
         """
         responses = self.respond(template, features * self.taper)
         middle, heights = self.middle, responses.amax((1, 2))
@@ -215,9 +218,9 @@ class Step(nn.Module):
             dx, dy, height, psr = self.peak(responses[best][0])
             offset = torch.stack([dx, dy]) * zoom / self.n
             size = torch.cat([growth, growth])
-            evidence = {"peak": height, "psr": psr}
+            evidence = {"peak": height, "psr": psr.clamp_min(1e-3).log()}
             evidence |= self.compared(features[best][0], first, roi, held, zoom, offset, size)
-            return [torch.cat([offset, size]), *self.total(evidence), best]
+            return torch.cat([offset, size]), evidence, best
         response = responses[middle]
         _, _, height, psr = self.peak(response)
         mean, log_std = self.act(features[middle], response, held, first, roi)
@@ -228,9 +231,9 @@ class Step(nn.Module):
         low, high = action[:2] - 0.5, action[2:] + 0.5  # eq. 7, in box sizes from its centre
         low, high = torch.minimum(low, high), torch.maximum(low, high)
         offset, size = (low + high) / 2 * held[:2], self.temper(high - low, growth)
-        evidence = {"peak": height, "psr": psr, "sigma": sigma.log().mean()}
+        evidence = {"peak": height, "psr": psr.clamp_min(1e-3).log(), "sigma": sigma.log().mean()}
         evidence |= self.compared(features[middle], first, roi, held, 1.0, offset, size)
-        return [torch.cat([offset, size]), *self.total(evidence), torch.tensor([middle]), sigma]
+        return torch.cat([offset, size]), evidence, torch.tensor([middle]), sigma
 
     def temper(self, size: Tensor, searched: Tensor) -> Tensor:
         """`Tracker._acted`: how much of the change of size is the scale search's."""
@@ -243,12 +246,23 @@ class Step(nn.Module):
             growth = growth.mean(0, keepdim=True).expand(2)
         return torch.exp((1 - config.search) * growth + config.search * searched.log())
 
-    def total(self, evidence: dict[str, Tensor]) -> tuple[Tensor, Tensor]:
-        """`Weights.total`, but for the leap; and the rival."""
+    def total(self, evidence: dict[str, Tensor]) -> Tensor:
+        """`Weights.total`."""
         config = self.config.score
-        seen = evidence | {"psr": evidence["psr"].clamp_min(1e-3).log()}
-        parts = [getattr(config, name) * value for name, value in seen.items()]
-        return config.bias + torch.stack(parts).sum(), evidence.get("rival", torch.ones(()))
+        weights = {name: getattr(config, name) for name in evidence}
+        parts = [w * evidence[name] for name, w in weights.items() if w]
+        return torch.stack([torch.tensor(config.bias), *parts]).sum()
+
+    def followed(
+        self, past: Tensor, new: Tensor, step: Tensor, size: Tensor, seen: dict[str, Tensor]
+    ) -> Tensor:
+        """`recovery.Search.follow`."""
+        one = torch.ones(())
+        rival, same = seen.get("rival", one), seen.get("same", one)
+        away = ((step - past[:2]).norm() / size).clamp_max(1.0) * rival
+        usual = torch.where(new > 0, same, past[4])
+        worst = torch.maximum((1 - FORGET) * past[2:4], torch.stack([away, usual - same]))
+        return torch.cat([(past[:2] + step) / 2, worst, ((1 - HABIT) * usual + HABIT * same)[None]])
 
     def compared(
         self, z: Tensor, first: Tensor, roi: Tensor, held: Tensor, zoom: Any, offset: Tensor,
@@ -273,7 +287,10 @@ class Step(nn.Module):
         seen = self.sample_grid(z, torch.cat([centre - shares / 2, shares]), POINTS, 1.0) - mean
         points = self.sample_grid(first, roi, POINTS, 1.0) - mean
         length = (seen.norm() * points.norm()).clamp_min(1e-9)
-        return {"first": height, "rival": rival.clamp(0, 2), "same": (seen * points).sum() / length}
+        return {
+            "first": height, "unseen": 1 - (height / NOTHING).clamp(0, 1),
+            "rival": rival.clamp(0, 2), "same": (seen * points).sum() / length,
+        }  # fmt: skip
 
     # -- entrack.filter --------------------------------------------------------------------------
 
@@ -428,7 +445,7 @@ def _write_step(step: Step, c: int, path: Path) -> None:
     n, k = step.n, step.config.scale.steps
     shapes = {
         "features": (1 + k, c, n, n), "box": (4,), "image": (2,), "first_size": (2,),
-        "template": (c, n, n), "score": (), "first": (c, n, n), "roi": (4,), "motion": (3,),
+        "template": (c, n, n), "score": (), "first": (c, n, n), "roi": (4,), "past": (5,),
         "turn": (),
     }  # fmt: skip
     outputs = ["box_out"] + (["sigma"] if step.policy else [])
@@ -447,8 +464,8 @@ _MEMORY = {
     "first": "| `first` | `first_out` | Z of the first frame's window |\n",
     "roi": "| `roi` | `roi_out` | float32 (4,): the first box in that window, x, y, w, h in shares of "
     "its side |\n",
-    "motion": "| `motion` | `motion_out` | float32 (3,): how the target moves in a frame, x, y in "
-    "pixels, and the greatest leap from that, in sizes |\n",
+    "past": "| `past` | `past_out` | float32 (5,): what the score remembers: how the target moves in a "
+    "frame, x and y; the greatest leap and the greatest fall; how it looks |\n",
     "turn": "| `turn` | `turn_out` | float32 (): frames until other sizes than the last are looked at; "
     "above 0, `features` of the other `zooms` are not used |\n",
 }
@@ -458,27 +475,3 @@ _SIGMA = """
 _WITHOUT = """
 
 What the model does when it is in doubt, `[config.recovery]`, is not in these files: they follow the target as the same model without it."""
-_CARD = """# {name}, exported by entrack
-
-`python track.py VIDEO X,Y,W,H` prints a box and a score a frame; it needs numpy, OpenCV and
-onnxruntime, no entrack, and says in a few lines how the files are used. `model.json` has the numbers.
-
-## trunk.onnx
-in: float32 (N, 3, {size}, {size}), BGR pixels in [0, 255]; out: float32 (N, {c}, {n}, {n}), Z.
-
-## step.onnx: filter and policy, a pure function
-| input | output | |
-|---|---|---|
-| `features` | | float32 ({k} + 1, {c}, {n}, {n}): Z of the window at the last box in the last frame, then of this frame's windows, one for each of `zooms` |
-| `box` | `box_out` | float32 (4,): x, y, w, h in pixels, in the last frame and in this one; centre and size are multiples of 1 / {places} |
-| `image` | | float32 (2,): width and height of the frame |
-| `score` | `score_out` | float32 (): in [0, 1], how sure it is that the box overlaps the target |
-| `first_size` | `first_size_out` | float32 (2,): width and height of the first box |
-| `template` | `template_out` | float32 ({c}, {n}, {n}): X of eq. 14 |
-{memory}
-Everything from `score` on is memory: zeros in the first call, then what came out of the call before.
-{sigma}
-Nothing here searches for a target that is lost, as the Python tracker may: act on a low score as your application needs.
-
-The mean action is taken, never a sample.{without}
-"""
