@@ -320,9 +320,9 @@ class Tracker:
         searched, target.box = target.box, boxes_.from_centre(centre, size)
         search = target.search
         step, side = centre - boxes_.centre(searched), math.sqrt(searched[2] * searched[3])
-        looks = {k: v for k, v in answer.evidence.items() if k in ("rival", "same")}
-        search.follow(step, side, **looks)
-        evidence = answer.evidence | search.past.evidence
+        seen = answer.evidence
+        search.follow(step, side, seen.get("rival", 1.0), seen.get("same", 1.0))
+        evidence = seen | search.past.evidence
         score = config.chance(evidence) if sound else 0.0
         assert self._frame is not None and target.look is not None
         target.look = replace(target.look, evidence=evidence)
@@ -335,8 +335,8 @@ class Tracker:
         if due and learn.seen == "again":
             target.unlearned = self._patch(self._frame, target.box)
         elif due:
-            seen = windows.around(searched, window, target.look.zoom)
-            x = shifted(target.look.features, seen, windows.around(target.box, window))
+            wide = windows.around(searched, window, target.look.zoom)
+            x = shifted(target.look.features, wide, windows.around(target.box, window))
             self._learn(target, x * self._taper)
         return score
 
