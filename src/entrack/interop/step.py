@@ -1,0 +1,371 @@
+"""What a tracker does with a frame's features, in torch, for `entrack export`.
+
+Each function here is one of `entrack.filter`, `recovery`, `state` or `policy`, by the same name and
+in the same order, on the same weights: who changes one there changes it here, and the tests compare
+whole sequences. Transforms of 18 × 18 maps are matrix products, so the graph has no FFT.
+"""
+# pyright: basic
+
+from typing import Any
+
+import numpy as np
+import torch
+import torch.nn.functional as F
+from torch import Tensor, nn
+
+from entrack import filter as cf
+from entrack.config import Config
+from entrack.policy import LOG_STD, OUTWARDS, Policy
+from entrack.recovery import (
+    ELSEWHERE,
+    FAINT,
+    FORGET,
+    HABIT,
+    HERE,
+    LEAST,
+    NOTHING,
+    ORIGIN,
+    POINTS,
+)
+from entrack.state import GRID, GROWN, Conditioned
+from entrack.state import _resize as resize_matrix  # pyright: ignore[reportPrivateUsage]
+from entrack.tracker import PLACES
+
+
+class Step(nn.Module):
+    """Filter and policy: eqs. 1–7 and 14, for one target."""
+
+    taper: Tensor
+    label_re: Tensor
+    label_im: Tensor
+    rows_re: Tensor
+    rows_im: Tensor
+    columns_re: Tensor
+    columns_im: Tensor
+    back_re: Tensor
+    back_im: Tensor
+    zooms: Tensor
+    penalties: Tensor
+    sizes: Tensor
+    parabola: Tensor
+
+    def __init__(self, config: Config, policy: Policy | None, channels: int) -> None:
+        super().__init__()
+        self.config, self.policy, self.n = config, policy, config.window.size // 16
+        n = self.n
+        taper = cf.hann(n) if config.filter.hann else np.ones((n, n), np.float32)
+        label = cf.spectrum(cf.label(n, config.filter.label_sigma * n / config.window.context))
+        turns: Any = np.exp(-2j * np.pi / n * np.outer(np.arange(n), np.arange(n)))
+        once = np.where(np.arange(n // 2 + 1) % (n / 2) == 0, 1, 2)  # irfft counts the rest twice
+        back = turns[: n // 2 + 1].conj() * once[:, None] / n**2
+        half = config.scale.steps // 2
+        steps = np.arange(-half, half + 1)
+        zooms = config.scale.factor ** steps.astype(np.float64)
+        sizes = np.log(zooms.astype(np.float32))
+        arrays = {
+            "taper": taper, "label_re": label.real, "label_im": label.imag,
+            "rows_re": turns.real[:, : n // 2 + 1], "rows_im": turns.imag[:, : n // 2 + 1],
+            "columns_re": turns.real, "columns_im": turns.imag,
+            "back_re": back.real, "back_im": back.imag,
+            "zooms": zooms, "penalties": config.scale.penalty ** np.abs(steps),
+            "sizes": sizes, "parabola": cf.parabola(sizes),
+        }  # fmt: skip
+        for name, array in arrays.items():
+            self.register_buffer(name, torch.from_numpy(np.array(array, np.float32)))
+        self.compares = config.score.compares
+        self.remembers = policy is not None and isinstance(policy.f1, Conditioned)
+        self.keeps_first = self.remembers or self.compares
+        self.remembered = ["first_size", "template", "score"]
+        self.remembered += ["first", "roi"] if self.keeps_first else []
+        self.remembered += ["past"] if config.score.leap or config.score.fall else []
+        self.remembered += ["turn"] if config.scale.every > 1 else []
+        self.middle = half
+        weights = {} if policy is None else _weights(policy, n)
+        self.w = {name: torch.from_numpy(np.array(w, np.float32)) for name, w in weights.items()}
+
+    def forward(
+        self, features: Tensor, box: Tensor, image: Tensor, first_size: Tensor, template: Tensor,
+        score: Tensor, first: Tensor, roi: Tensor, past: Tensor, turn: Tensor,
+    ) -> tuple[Tensor, ...]:  # fmt: skip
+        """See the card that `export_model` writes."""
+        config, new = self.config, (first_size[0] == 0).float()
+        # Pixels in float64, as the tracker has them; in float32, boxes on 1 / 256 pixel are exact.
+        box, image, first_size = box.double(), image.double(), first_size.double()
+        size = box[2:]
+        first_size = first_size + new * size
+        side = size.prod().sqrt().expand(2) if config.window.shape == "square" else size
+        window = side * config.window.context
+        share = (size / window).float()
+        roi = roi + new * torch.cat([0.5 - share / 2, share])
+        first = first + new * features[0]
+        if config.scale.every == 1:
+            turn = torch.zeros(())
+        again = config.update.seen == "again"
+        rate = torch.maximum(new, self.rate(score)) if again else new
+        template = (1 - rate) * template + rate * (features[0] * self.taper)  # eq. 14
+        held = torch.cat([share, (size / first_size).log().float()])
+        move, seen, used, *sigma = self.answer(template, features[1:], held, first, roi, turn)
+        before, last = box[:2] + size / 2, size.prod().sqrt()
+        centre = before + move[:2].double() * window
+        centre = torch.minimum(centre.clamp_min(0), image)
+        size, limits = size * move[2:].double(), config.limits
+        size = torch.minimum(size, limits.largest * first_size)
+        size = torch.maximum(size, limits.smallest * first_size)
+        centre, size = (torch.round(v * PLACES) / PLACES for v in (centre, size))
+        box = torch.cat([centre - size / 2, size])
+        past = self.followed(past, new, (centre - before).float(), last.float(), seen)
+        leap, fall = (LEAST + past[2:4]).log()
+        score = torch.sigmoid(self.total(seen | {"leap": leap, "fall": fall}))
+        if not again:
+            wide = window * self.zooms[used].double()
+            side = size.prod().sqrt().expand(2) if config.window.shape == "square" else size
+            side = side * config.window.context
+            place = torch.cat([(centre - side / 2 - before) / wide + 0.5, side / wide]).float()
+            x = self.sample_grid(features[1:][used][0], place, self.n, 1.0) * self.taper
+            rate = self.rate(score)
+            template = (1 - rate) * template + rate * x
+        memory = {
+            "first_size": first_size.float(), "template": template, "score": score,
+            "first": first, "roi": roi, "past": past,
+            "turn": torch.where(turn > 0, turn - 1, config.scale.every - 1.0),
+        }  # fmt: skip
+        return box.float(), *sigma, *(memory[name] for name in self.remembered)
+
+    def rate(self, score: Tensor) -> Tensor:
+        """θ of eq. 14, where the score is high enough."""
+        update = self.config.update
+        return update.rate * (score >= update.min_score).float()
+
+    def answer(
+        self, template: Tensor, features: Tensor, held: Tensor, first: Tensor, roi: Tensor,
+        turn: Tensor,
+    ) -> tuple[Any, ...]:  # fmt: skip
+        """What is found in this frame's features.
+
+        How far the box moves and grows (4,), in windows and sizes; the evidence for the score; the
+        index (1,) of the size that was used; maybe σ.
+        """
+        responses = self.respond(template, features * self.taper)
+        middle, heights = self.middle, responses.amax((1, 2))
+        elsewhere = (torch.arange(len(heights)) != middle) & (turn > 0)  # sizes not looked at
+        best = (heights * self.penalties - 1e9 * elsewhere).argmax(0, keepdim=True)
+        zoom, scale = self.zooms[best], self.config.scale
+        grown = scale.rate * (self.highest(heights) if scale.between else zoom - 1)
+        growth = grown.exp() if scale.between else 1 + grown
+        growth = torch.where(turn > 0, 1.0, growth)
+        if self.policy is None:
+            dx, dy, height, psr = self.peak(responses[best][0])
+            offset = torch.stack([dx, dy]) * zoom / self.n
+            size = torch.cat([growth, growth])
+            evidence = {"peak": height, "psr": psr.clamp_min(1e-3).log()}
+            evidence |= self.compared(features[best][0], first, roi, held, zoom, offset, size)
+            return torch.cat([offset, size]), evidence, best
+        response = responses[middle]
+        _, _, height, psr = self.peak(response)
+        mean, log_std = self.act(features[middle], response, held, first, roi)
+        reach = self.policy.config.reach
+        action = reach * torch.tanh(mean)
+        log_std = log_std.clamp(*LOG_STD)
+        sigma = log_std.exp() * reach * (1 - torch.tanh(mean) ** 2)
+        low, high = action[:2] - 0.5, action[2:] + 0.5  # eq. 7, in box sizes from its centre
+        low, high = torch.minimum(low, high), torch.maximum(low, high)
+        offset, size = (low + high) / 2 * held[:2], self.temper(high - low, growth)
+        evidence = {"peak": height, "psr": psr.clamp_min(1e-3).log(), "sigma": sigma.log().mean()}
+        evidence |= self.compared(features[middle], first, roi, held, 1.0, offset, size)
+        return torch.cat([offset, size]), evidence, torch.tensor([middle]), sigma
+
+    def temper(self, size: Tensor, searched: Tensor) -> Tensor:
+        """`Tracker._acted`: how much of the change of size is the scale search's."""
+        assert self.policy is not None
+        config = self.policy.config
+        if not (config.search or config.keep_aspect):
+            return size
+        growth = size.clamp_min(1e-6).log()
+        if config.keep_aspect:
+            growth = growth.mean(0, keepdim=True).expand(2)
+        return torch.exp((1 - config.search) * growth + config.search * searched.log())
+
+    def total(self, evidence: dict[str, Tensor]) -> Tensor:
+        """`Weights.total`."""
+        config = self.config.score
+        weights = {name: getattr(config, name) for name in evidence}
+        parts = [w * evidence[name] for name, w in weights.items() if w]
+        return torch.stack([torch.tensor(config.bias), *parts]).sum()
+
+    def followed(
+        self, past: Tensor, new: Tensor, step: Tensor, size: Tensor, seen: dict[str, Tensor]
+    ) -> Tensor:
+        """`recovery.Search.follow`."""
+        one = torch.ones(())
+        rival, same = seen.get("rival", one), seen.get("same", one)
+        away = ((step - past[:2]).norm() / size).clamp_max(1.0) * rival
+        usual = torch.where(new > 0, same, past[4])
+        worst = torch.maximum((1 - FORGET) * past[2:4], torch.stack([away, usual - same]))
+        return torch.cat([(past[:2] + step) / 2, worst, ((1 - HABIT) * usual + HABIT * same)[None]])
+
+    def compared(
+        self, z: Tensor, first: Tensor, roi: Tensor, held: Tensor, zoom: Any, offset: Tensor,
+        size: Tensor,
+    ) -> dict[str, Tensor]:  # fmt: skip
+        """`recovery.Origin`: how much the new box looks like the first."""
+        if not self.compares:
+            return {}
+        n = self.n
+        away = (
+            (torch.arange(n) - n / 2).abs() / (n * ORIGIN * (roi[2] * roi[3]).sqrt())
+        ).clamp_max(0.5)
+        line = 0.5 + 0.5 * torch.cos(2 * torch.pi * away)
+        response = self.respond(first * line[:, None] * line, (z * self.taper)[None])[0]
+        centre = 0.5 + offset / zoom  # of the box, in shares of the window that was looked at
+        dx, dy = [((torch.arange(n) - c * n + n / 2) % n - n / 2).abs() for c in centre]
+        apart = torch.maximum(dy[:, None].expand(n, n), dx[None].expand(n, n))
+        height = response.masked_fill(apart > HERE, -1e9).max()
+        rival = response.masked_fill(apart <= ELSEWHERE, -1e9).max() / height.clamp_min(FAINT)
+        shares = held[:2] * size / zoom
+        mean = first.mean((1, 2), keepdim=True)
+        seen = self.sample_grid(z, torch.cat([centre - shares / 2, shares]), POINTS, 1.0) - mean
+        points = self.sample_grid(first, roi, POINTS, 1.0) - mean
+        length = (seen.norm() * points.norm()).clamp_min(1e-9)
+        return {
+            "first": height, "unseen": 1 - (height / NOTHING).clamp(0, 1),
+            "rival": rival.clamp(0, 2), "same": (seen * points).sum() / length,
+        }  # fmt: skip
+
+    # -- entrack.filter --------------------------------------------------------------------------
+
+    def spectrum(self, x: Tensor) -> tuple[Tensor, Tensor]:
+        """Real and imaginary part of the 2D Fourier transform."""
+        re, im = x @ self.rows_re, x @ self.rows_im
+        return (
+            self.columns_re @ re - self.columns_im @ im,
+            self.columns_re @ im + self.columns_im @ re,
+        )
+
+    def respond(self, template: Tensor, z: Tensor) -> Tensor:
+        """M (k, n, n): eqs. 1–3 at once; the label and the energy are the same for all channels."""
+        (x_re, x_im), (z_re, z_im) = self.spectrum(template), self.spectrum(z)
+        energy = (x_re**2 + x_im**2).sum(0)
+        energy = energy + self.config.filter.regularisation * energy.mean() + 1.2e-38
+        re, im = (x_re * z_re + x_im * z_im).sum(1), (x_re * z_im - x_im * z_re).sum(1)
+        y_re, y_im = self.label_re / energy, self.label_im / energy
+        re, im = re * y_re - im * y_im, re * y_im + im * y_re
+        along = (
+            self.columns_re @ re + self.columns_im @ im,
+            self.columns_re @ im - self.columns_im @ re,
+        )
+        return along[0] @ self.back_re - along[1] @ self.back_im
+
+    def highest(self, heights: Tensor) -> Tensor:
+        """`filter.highest`: (1,)."""
+        level = heights.clamp_min(1e-3).log()
+        bend, slope = self.parabola @ level
+        top = -slope / (2 * torch.where(bend < 0, bend, -1.0))
+        top = torch.where(bend < 0, top, self.sizes[level.argmax()])
+        top = torch.where(level.amax() - level.amin() < 1e-6, 0.0, top)
+        return top.clamp(self.sizes[0], self.sizes[-1])[None]
+
+    def peak(self, response: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+        """`filter.peak`: dx, dy in cells, height, peak-to-sidelobe ratio."""
+        n, flat = self.n, response.flatten()
+        at = flat.argmax(0)
+        i, j = torch.div(at, n, rounding_mode="floor"), at % n
+
+        def around(down: int, right: int) -> Tensor:
+            return flat[((i + down + n) % n) * n + (j + right + n) % n]
+
+        def vertex(before: Tensor, after: Tensor) -> Tensor:
+            bend = before - 2 * flat[at] + after
+            top = (0.5 * (before - after) / torch.where(bend < 0, bend, -1.0)).clamp(-0.5, 0.5)
+            return torch.where(bend < 0, top, 0.0)
+
+        k = torch.arange(n)
+        near = [((k - c + n + n // 2) % n - n // 2).abs() <= 2 for c in (i, j)]
+        side = 1 - (near[0][:, None] & near[1][None]).float()
+        mean = (response * side).sum() / side.sum()
+        deviation = ((((response - mean) * side) ** 2).sum() / side.sum()).sqrt()
+        dx = j - n // 2 + vertex(around(0, -1), around(0, 1))
+        dy = i - n // 2 + vertex(around(-1, 0), around(1, 0))
+        return dx, dy, flat[at], (flat[at] - mean) / (deviation + 1e-6)
+
+    # -- entrack.state and entrack.policy --------------------------------------------------------
+
+    def act(
+        self, features: Tensor, response: Tensor, held: Tensor, first: Tensor, roi: Tensor
+    ) -> tuple[Tensor, Tensor]:
+        """μ and log σ (4,) of s = (f1(Z), f2(M))."""
+        w = self.w
+        if not self.remembers:  # state.Linear, policy.LinearHead
+            z = (w["f1.weight"] @ features.flatten(1)).flatten() + w["f1.bias"]
+            m = (w["resize"] @ response @ w["resize"].T).flatten()
+            if w["mean.weight"].shape == w["log_std.weight"].shape:
+                z = m = torch.cat([z, m])
+            mean = w["mean.weight"] @ z + w["mean.bias"]
+            return mean, w["log_std.weight"] @ m + w["log_std.bias"]
+        z = self.conditioned(features, response, held, self.sample_grid(first, roi))
+        out = w["head.weight"] @ z + w["head.bias"][:, None]  # policy.AttentionHead
+        attention = torch.softmax(out[0] + w["head.beta"] * response.flatten(), 0)
+        x, y = self.along().repeat(self.n), self.along().repeat_interleave(self.n)
+        outwards = torch.from_numpy(OUTWARDS)
+        places = torch.stack([x / held[0], y / held[1], x / held[0], y / held[1]])
+        sides = places + out[1:5].exp() * outwards[:, None]
+        assert self.policy is not None
+        offset = ((sides @ attention - outwards) / self.policy.config.reach).clamp(-0.999, 0.999)
+        return 0.5 * ((1 + offset) / (1 - offset)).log(), out[5:9] @ attention
+
+    def conditioned(
+        self, features: Tensor, response: Tensor, held: Tensor, points: Tensor
+    ) -> Tensor:
+        """`state.Conditioned`."""
+        w, n = self.w, self.n
+
+        def project(x: Tensor, name: str) -> Tensor:
+            return w[f"f1.{name}.weight"] @ x.flatten(1) + w[f"f1.{name}.bias"][:, None]
+
+        keys = F.normalize(project(points, "match"), dim=0)
+        gate = project(points[:, 1:-1, 1:-1].mean((1, 2))[:, None], "gate")
+        matched = F.normalize(project(features, "match"), dim=0)
+        planes = torch.stack([2 * response, response / response.max().clamp_min(0.05)]).flatten(1)
+        seen = [4 * keys.T @ matched, torch.relu(project(features, "belong")) * gate]
+        seen += [project(features, "itself"), planes, self.place(held)]
+        x = torch.relu(w["f1.mix.weight"] @ torch.cat(seen) + w["f1.mix.bias"][:, None])
+        x = x.reshape(1, -1, n, n)
+        for k in range(sum("convs" in name and "weight" in name for name in w)):
+            kernel = w[f"f1.convs.{k}.weight"].reshape(-1, 3, 3, x.shape[1]).permute(0, 3, 1, 2)
+            x = x + torch.relu(F.conv2d(x, kernel, w[f"f1.convs.{k}.bias"], padding=1))
+        return x[0].flatten(1)
+
+    def place(self, held: Tensor) -> Tensor:
+        """`state.place`."""
+        n, along = self.n, self.along()
+        x, y = along.repeat(n, 1), along[:, None].repeat(1, n)
+        soft = [torch.sigmoid(40 * (held[k] / 2 - c.abs())) for k, c in enumerate((x, y))]
+        grown = [held[k].expand(n, n) for k in (2, 3)]
+        planes = [2 * x, 2 * y, 4 * (x * x + y * y), soft[0] * soft[1], *grown]
+        return torch.stack(planes).flatten(1)
+
+    def along(self) -> Tensor:
+        """Centres of the cells from the window's, in shares of its side."""
+        return (torch.arange(self.n) + 0.5) / self.n - 0.5
+
+    def sample_grid(
+        self, features: Tensor, roi: Tensor, points: int = GRID, grown: float = GROWN
+    ) -> Tensor:
+        """`state.sample_grid`; linear interpolation as a tent around each place."""
+        along = (torch.arange(points) + 0.5) / points - 0.5
+        cells = torch.arange(self.n).float()
+        x, y = [
+            (roi[k] + roi[k + 2] / 2 + along * roi[k + 2] * grown) * self.n - 0.5 for k in (0, 1)
+        ]
+        columns, rows = [
+            (1 - (p.clamp(0, self.n - 1)[:, None] - cells).abs()).clamp_min(0) for p in (x, y)
+        ]
+        return rows @ features @ columns.T
+
+
+def _weights(policy: Policy, n: int) -> dict[str, np.ndarray]:
+    """Everything that f1 and the head know, by the names in policy.safetensors."""
+    head: dict[str, np.ndarray] = dict(policy.head.w)  # type: ignore[attr-defined]
+    if isinstance(policy.f1, Conditioned):
+        own = {f"f1.{name}": w for name, w in policy.f1.w.items()}
+        return {**own, **{k: w for k, w in head.items() if k.startswith("head.")}}
+    return {**head, "resize": resize_matrix(n, policy.head.side)}
