@@ -140,7 +140,7 @@ def test_the_likeliest_place_is_the_highest_peak_over_its_ground():
 def test_places_are_inside_the_picture_and_all_are_seen_in_turn():
     lost = search(looks=4, growth=1)
     for _ in range(10):
-        lost.decide(False)
+        lost.decide(0.0, ScoreConfig())
     seen = [lost.places((320, 240)) for _ in range(12)]
     assert all(len(places) == 5 for places in seen)
     centres = np.array([boxes.centre(box) for places in seen for box in places])
@@ -151,12 +151,22 @@ def test_places_are_inside_the_picture_and_all_are_seen_in_turn():
 
 def test_a_glimpse_does_not_count_as_found():
     lost = search(confirm=3)
-    lost.decide(False)
+    lost.decide(0.0, ScoreConfig())
     states = []
     for found in (True, True, False, True, True, True):
-        lost.decide(found)
+        lost.decide(float(found), ScoreConfig())
         states.append(lost.lost)
     assert states == [True, True, True, True, True, False]
+
+
+def test_it_says_lost_long_before_it_searches_and_a_search_is_lost_until_its_find_is_sure():
+    limits = ScoreConfig(lost_below=0.3, found_above=0.45)
+    target, states = search(below=0.1, found_above=0.2, confirm=1), []
+    for score in (0.4, 0.25, 0.35, 0.05, 0.15, 0.25, 0.5):
+        target.decide(score, limits)
+        states.append((target.lost, target.active))
+    lost, searched = (False, True, True, True, True, True, False), (3, 4)
+    assert states == [(flag, k in searched) for k, flag in enumerate(lost)]
 
 
 def test_a_model_with_a_spread_knows_sigma_without_a_policy():

@@ -108,7 +108,7 @@ class Weights:
     sigma: float = 0.0
     """The mean logarithm of the policy's σ, in units of the box's size."""
     lost: float = 0.0
-    """1 while the target is lost and its box is held, when nothing else counts but …"""
+    """1 while the target is searched and its box is held, when nothing else counts but …"""
     gone: float = 0.0
     """… the logarithm of the number of frames for which it has been."""
 
@@ -152,6 +152,10 @@ class RecoveryConfig:
     Sizes are √(width × height) of the last box that it was sure of.
     """
 
+    below: float = Field(default=0.07, ge=0, le=1)
+    """It searches when the score falls below this; to say lost, `score.lost_below`, is cheaper …"""
+    found_above: float = Field(default=0.25, ge=0, le=1)
+    """… and works where it has found something from this on."""
     leeway: float = Field(default=0.2, gt=0)
     """Sizes by which a target moves otherwise than expected without being doubted; more, if it has
     done so before."""
@@ -160,9 +164,9 @@ class RecoveryConfig:
     sure_above: float = Field(default=0.5, ge=0, le=1)
     """Score from which on a box is remembered as the place to come back to, and held."""
     confirm: int = Field(default=2, ge=1, le=30)
-    """Frames in a row with `found_above` until a lost target counts as found."""
+    """Frames in a row with that until the search ends."""
     looks: int = Field(default=4, ge=0, le=64)
-    """Places looked at in each frame while lost, besides the box that is held."""
+    """Places looked at in each frame of a search, besides the box that is held."""
     growth: float = Field(default=0.15, ge=0)
     """Sizes by which the search reaches further in each frame."""
     reach: float = Field(default=8.0, ge=0)

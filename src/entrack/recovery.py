@@ -1,7 +1,7 @@
 """When in doubt: what a tracker remembers of the target's first look, and where it searches.
 
-Nothing of this moves a box while the score is high. While the target counts as lost, the last box
-that was sure is held, and in each frame a bounded number of places is looked at, further and
+Nothing of this moves a box while the score is high. When it is very low, the last box that was sure
+is held, and in each frame a bounded number of places is looked at, further and
 further away from there. The filter of the first frame, which never learns, says which of them is
 worth a closer look; there the tracker works as ever, and if its score stays high, it has found the
 target.
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from entrack import box as boxes_
 from entrack import filter as cf
 from entrack.box import Boxes
-from entrack.config import RecoveryConfig
+from entrack.config import RecoveryConfig, ScoreConfig
 from entrack.state import GROWN, sample_grid
 from entrack.window import Window
 
@@ -154,6 +154,8 @@ class Search:
     config: RecoveryConfig | None
     """None says that a target is lost, and does nothing about it."""
     lost: bool = False
+    active: bool = False
+    """Whether the target is searched."""
     gone: int = 0
     """Frames for which it has been searched."""
     confirmed: int = 0
@@ -170,11 +172,6 @@ class Search:
     """How far from that box it looks for the target in this frame, in sizes."""
     visited: dict[tuple[int, int], int] = field(default_factory=dict[tuple[int, int], int])
     """When each place was looked at last."""
-
-    @property
-    def active(self) -> bool:
-        """Whether the target is searched."""
-        return self.lost and self.config is not None
 
     @property
     def size(self) -> float:
@@ -202,7 +199,7 @@ class Search:
 
         A target can be anywhere; but nothing jumps by chance just when something like it is near.
         """
-        if self.config is None or self.lost:
+        if self.config is None or self.active:
             return None
         place = (boxes_.centre(box) + self.step - (window.x, window.y)) * n / (window.w, window.h)
         leeway = self.config.leeway * math.sqrt(box[2] * box[3]) + 2 * self.unrest
@@ -216,12 +213,14 @@ class Search:
             self.held, self.gone, self.visited = box.copy(), 0, {}
             self.held_past = self.past
 
-    def decide(self, found: bool) -> None:
-        """Hear whether the target seems to be found in this frame."""
-        self.confirmed = self.confirmed + 1 if found else 0
-        enough = self.config.confirm if self.config and self.lost else 1
-        self.lost = self.confirmed < enough
-        self.gone += self.active
+    def decide(self, score: float, limits: ScoreConfig) -> None:
+        """Hear the score of this frame."""
+        if self.config:
+            enough = self.config.found_above if self.active else self.config.below
+            self.confirmed = self.confirmed + 1 if score >= enough else 0
+            self.active = self.confirmed < (self.config.confirm if self.active else 1)
+            self.gone += self.active
+        self.lost = score < (limits.found_above if self.lost else limits.lost_below) or self.active
 
     def restart(self, place: Boxes | None) -> Boxes:
         """Where to work in the next frame: at `place`, or where the target was last."""
@@ -236,7 +235,7 @@ class Search:
         Those that were not seen for longest come first, then the nearest. `frame` is the picture's
         width and height.
         """
-        if not (self.lost and self.config):
+        if not (self.active and self.config):
             return []
         stride, radius = self.config.stride * self.size, self.radius
         centre, steps = boxes_.centre(self.held), int(radius / stride)

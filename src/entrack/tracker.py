@@ -326,7 +326,7 @@ class Tracker:
         score = config.chance(evidence) if sound else 0.0
         assert self._frame is not None and target.look is not None
         target.look = replace(target.look, evidence=evidence)
-        search.decide(score >= (config.found_above if search.lost else config.lost_below))
+        search.decide(score, config)
         learn, window = self.config.update, self.config.window
         due = learn.rate > 0 and target.waited + 1 >= learn.every and score >= learn.min_score
         due = due and not search.active
