@@ -124,5 +124,5 @@ print(seconds, int(status[status.index("VmHWM:") + 1]) / 1024)
         capture_output=True, text=True, check=True,
     )  # fmt: skip
     seconds, megabytes = map(float, done.stdout.split())
-    assert seconds < 10
+    assert seconds < 20  # 8 to 11 on a processor of 2017
     assert megabytes < 500

@@ -225,6 +225,8 @@ def test_a_look_that_changes_at_once_is_a_fall_and_one_that_turns_slowly_is_none
     assert turns.fall < 0.05
     assert changes.fall == pytest.approx(0.6 * 0.99**30)
     assert changes.evidence["fall"] > turns.evidence["fall"] + 1
+    assert Past().then(leap=0.0, same=0.7).fall == 0
+    assert Past().then(leap=0.0, same=0.3).fall == pytest.approx(0.3)
 
 
 def test_what_a_search_comes_back_to_is_what_it_looked_like_then():

@@ -30,6 +30,8 @@ LEAST = 0.02
 HABIT = 0.3
 """Share of a frame in the running mean that a fall starts from: looks that change slowly are the
 target's own, and another's come at once."""
+ALIKE = 0.6
+"""Likeness from which on a second frame is no fall: it was less in two of 128 sequences."""
 NOTHING = 0.2
 """A height of the first look's response below which it is doubted that anything like it is seen."""
 FAINT = 0.02
@@ -104,7 +106,7 @@ class Past:
 
     def then(self, leap: float, same: float) -> "Past":
         """One frame later."""
-        usual = same if self.usual is None else self.usual
+        usual = max(same, ALIKE) if self.usual is None else self.usual
         return Past(
             max((1 - FORGET) * self.leap, leap),
             max((1 - FORGET) * self.fall, usual - same),

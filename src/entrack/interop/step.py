@@ -17,6 +17,7 @@ from entrack import filter as cf
 from entrack.config import Config
 from entrack.policy import LOG_STD, OUTWARDS, Policy
 from entrack.recovery import (
+    ALIKE,
     ELSEWHERE,
     FAINT,
     FORGET,
@@ -199,7 +200,7 @@ class Step(nn.Module):
         one = torch.ones(())
         rival, same = seen.get("rival", one), seen.get("same", one)
         away = ((step - past[:2]).norm() / size).clamp_max(1.0) * rival
-        usual = torch.where(new > 0, same, past[4])
+        usual = torch.where(new > 0, same.clamp_min(ALIKE), past[4])
         worst = torch.maximum((1 - FORGET) * past[2:4], torch.stack([away, usual - same]))
         return torch.cat([(past[:2] + step) / 2, worst, ((1 - HABIT) * usual + HABIT * same)[None]])
 
