@@ -1,6 +1,7 @@
 """Model folders: what is accepted, and what is refused in one sentence."""
 
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -19,6 +20,12 @@ def folder(tmp_path: Path) -> Path:
     shutil.copytree(assets() / "models" / "cf", copy)
     shutil.copytree(assets() / "trunk", tmp_path / "trunk")
     return copy
+
+
+def test_longterm_is_default_with_a_search():
+    default, longterm = (load_model(name).config for name in ("default", "longterm"))
+    update = replace(longterm.update, min_score=default.update.min_score)
+    assert longterm.recovery and replace(longterm, update=update, recovery=None) == default
 
 
 @pytest.mark.parametrize("name", sorted(set(SHIPPED) - {"paper"}))

@@ -32,10 +32,7 @@ _LEAST_ERROR = 1e-3  # of a box's size: smaller ones are in the annotation
 
 SIGNALS = tuple(f.name for f in fields(Weights) if f.name != "bias")
 """What score and σ are made of; 0 where a model does not have a signal."""
-_SIGNS = {
-    "peak": 1, "psr": 1, "first": 1, "unseen": -1, "rival": -1, "same": 1,
-    "leap": -1, "fall": -1, "sigma": -1,
-}  # fmt: skip
+_FOR, _AGAINST = ("peak", "psr", "first", "same"), ("unseen", "rival", "leap", "fall", "sigma")
 """Which way a signal may count for a score. A weight of the other sign is an accident of the
 footage, such as a look-alike that is followed for long, and does harm on any other."""
 
@@ -259,7 +256,7 @@ def fit(seen: Sightings) -> Calibration:
 def fit_score(seen: Sightings) -> tuple[Floats, float]:
     """Weights (K,) and bias of the score, without the signals that would count the wrong way."""
     signals = seen.signals
-    signs = np.array([_SIGNS.get(name, 0) for name in SIGNALS])
+    signs = np.array([(name in _FOR) - (name in _AGAINST) for name in SIGNALS])
     used = np.ones(len(SIGNALS), bool)
     while True:
         known = np.where(used, signals, 0)

@@ -1,10 +1,9 @@
 """When in doubt: what a tracker remembers of the target's first look, and where it searches.
 
 Nothing of this moves a box while the score is high. When it is very low, the last box that was sure
-is held, and in each frame a bounded number of places is looked at, further and
-further away from there. The filter of the first frame, which never learns, says which of them is
-worth a closer look; there the tracker works as ever, and if its score stays high, it has found the
-target.
+is held, and in each frame a bounded number of places is looked at, further and further away from
+there. The filter of the first frame, which never learns, says which of them is worth a closer look;
+there the tracker works as ever, and if its score stays higher, it has found the target.
 """
 
 import math
@@ -31,7 +30,7 @@ HABIT = 0.3
 """Share of a frame in the running mean that a fall starts from: looks that change slowly are the
 target's own, and another's come at once."""
 ALIKE = 0.6
-"""Likeness from which on a second frame is no fall: it was less in two of 128 sequences."""
+"""Likeness from which on a second frame is no fall; see docs/uncertainty.md."""
 NOTHING = 0.2
 """A height of the first look's response below which it is doubted that anything like it is seen."""
 FAINT = 0.02
