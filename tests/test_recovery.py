@@ -220,13 +220,23 @@ def test_a_leap_is_relative_to_the_usual_motion():
 def test_a_look_that_changes_at_once_is_a_fall_and_one_that_turns_slowly_is_none():
     turns, changes = Past(), Past()
     for k in range(61):
-        turns = turns.then(leap=0.0, same=1 - 0.01 * k)
-        changes = changes.then(leap=0.0, same=1.0 if k < 30 else 0.4)
+        turns = turns.then(away=0.0, rival=0.0, same=1 - 0.01 * k)
+        changes = changes.then(away=0.0, rival=0.0, same=1.0 if k < 30 else 0.4)
     assert turns.fall < 0.05
     assert changes.fall == pytest.approx(0.6 * 0.99**30)
     assert changes.evidence["fall"] > turns.evidence["fall"] + 1
-    assert Past().then(leap=0.0, same=0.7).fall == 0
-    assert Past().then(leap=0.0, same=0.3).fall == pytest.approx(0.3)
+    assert Past().then(away=0.0, rival=0.0, same=0.7).fall == 0
+    assert Past().then(away=0.0, rival=0.0, same=0.3).fall == pytest.approx(0.3)
+
+
+def test_a_target_that_leaps_in_every_frame_is_restless():
+    restless, leaps_once = (Search(np.array(START, float), None) for _ in range(2))
+    for k in range(40):
+        restless.follow(np.array([10.0 * (-1) ** k, 0.0]), size=40)
+        leaps_once.follow(np.array([10.0 * (k == 20), 0.0]), size=40)
+    assert 0.2 < restless.past.unrest < 0.5
+    assert restless.past.evidence["unrest"] == 0.2  # the most that counts
+    assert leaps_once.past.unrest < 0.02
 
 
 def test_what_a_search_comes_back_to_is_what_it_looked_like_then():

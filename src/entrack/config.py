@@ -105,6 +105,9 @@ class Weights:
     fall: float = 0.0
     """The logarithm of the greatest fall so far of `same` below its mean of the last frames,
     forgotten as a leap is: what turns changes slowly, another one at once."""
+    unrest: float = 0.0
+    """How far the target is from where it is expected in these frames, a running mean in sizes up
+    to .2: what leaps for a restless target is no leap."""
     sigma: float = 0.0
     """The mean logarithm of the policy's σ, in units of the box's size."""
     lost: float = 0.0
@@ -116,6 +119,11 @@ class Weights:
     def compares(self) -> bool:
         """Whether the target's first look counts, which takes time to compare with."""
         return any((self.first, self.unseen, self.rival, self.same, self.fall))
+
+    @property
+    def recalls(self) -> bool:
+        """Whether frames before the last one count."""
+        return any((self.leap, self.fall, self.unrest))
 
     def total(self, evidence: Mapping[str, float]) -> float:
         """`bias` + Σ weight · evidence."""

@@ -29,6 +29,10 @@ LEAST = 0.02
 HABIT = 0.3
 """Share of a frame in the running mean that a fall starts from: looks that change slowly are the
 target's own, and another's come at once."""
+RESTLESS = 0.1
+"""Share of a frame in the running mean of how far from where it is expected a target is …"""
+UNREST = 0.2
+"""… which does not count above this, in sizes."""
 ALIKE = 0.6
 """Likeness from which on a second frame is no fall; see docs/uncertainty.md."""
 NOTHING = 0.2
@@ -92,8 +96,8 @@ class Origin:
 class Past:
     """What has happened since the first frame, which no later picture tells.
 
-    >>> Past().then(leap=0.5, same=0.9).then(leap=0.0, same=0.6)
-    Past(leap=0.495, fall=0.3, usual=0.81)
+    >>> Past().then(away=0.5, rival=0.8, same=0.9).then(away=0.0, rival=0.8, same=0.6)
+    Past(leap=0.396, fall=0.3, usual=0.81, unrest=0.045)
     """
 
     leap: float = 0.0
@@ -102,20 +106,27 @@ class Past:
     """… and the greatest fall."""
     usual: float | None = None
     """The running mean of `same`; None before there was one."""
+    unrest: float = 0.0
+    """The running mean of how far from where it was expected the target was, in sizes."""
 
-    def then(self, leap: float, same: float) -> "Past":
-        """One frame later."""
+    def then(self, away: float, rival: float, same: float) -> "Past":
+        """One frame later: the target was `away` from where it was expected, in sizes up to 1."""
         usual = max(same, ALIKE) if self.usual is None else self.usual
         return Past(
-            max((1 - FORGET) * self.leap, leap),
+            max((1 - FORGET) * self.leap, away * rival),
             max((1 - FORGET) * self.fall, usual - same),
             (1 - HABIT) * usual + HABIT * same,
+            (1 - RESTLESS) * self.unrest + RESTLESS * away,
         )
 
     @property
     def evidence(self) -> dict[str, float]:
         """For the score."""
-        return {"leap": math.log(LEAST + self.leap), "fall": math.log(LEAST + self.fall)}
+        return {
+            "leap": math.log(LEAST + self.leap),
+            "fall": math.log(LEAST + self.fall),
+            "unrest": min(self.unrest, UNREST),
+        }
 
 
 def _away(n: int, place: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -162,9 +173,7 @@ class Search:
     confirmed: int = 0
     """Frames in a row in which it seemed to be found."""
     step: NDArray[np.float64] = field(default_factory=lambda: np.zeros(2))
-    """How the target's centre moves from frame to frame, a running mean (2,) in pixels …"""
-    unrest: float = 0.0
-    """… and how far from that it is found, a slower one."""
+    """How the target's centre moves from frame to frame, a running mean (2,) in pixels."""
     past: Past = Past()
     """What tells that it may be another one by now; that of the box that is held is …"""
     held_past: Past = Past()
@@ -189,10 +198,8 @@ class Search:
         self, step: NDArray[np.float64], size: float, rival: float = 1.0, same: float = 1.0
     ) -> None:
         """Hear how far the centre of a box of this size has moved (2,), and what it looks like."""
-        away = math.hypot(*(step - self.step))
-        leap = min(max(away / size, self.far), 1.0) * rival
-        self.past, self.far = self.past.then(leap, same), 0.0
-        self.unrest += (away - self.unrest) / 10
+        away = max(math.hypot(*(step - self.step)) / size, self.far)
+        self.past, self.far = self.past.then(min(away, 1.0), rival, same), 0.0
         self.step = (self.step + step) / 2
 
     def likely(self, box: Boxes, window: Window, n: int) -> cf.Features | None:
@@ -203,8 +210,8 @@ class Search:
         if self.config is None or self.active:
             return None
         place = (boxes_.centre(box) + self.step - (window.x, window.y)) * n / (window.w, window.h)
-        leeway = self.config.leeway * math.sqrt(box[2] * box[3]) + 2 * self.unrest
-        leeway *= n / math.sqrt(window.w * window.h)
+        leeway = self.config.leeway + 2 * self.past.unrest
+        leeway *= n * math.sqrt(box[2] * box[3] / (window.w * window.h))
         near = np.exp(-(_away(n, place) ** 2).sum(axis=0) / (2 * leeway**2))
         return (self.config.jump + (1 - self.config.jump) * near).astype(np.float32)
 

@@ -27,6 +27,8 @@ from entrack.recovery import (
     NOTHING,
     ORIGIN,
     POINTS,
+    RESTLESS,
+    UNREST,
 )
 from entrack.state import GRID, GROWN, Conditioned
 from entrack.state import _resize as resize_matrix  # pyright: ignore[reportPrivateUsage]
@@ -78,7 +80,7 @@ class Step(nn.Module):
         self.keeps_first = self.remembers or self.compares
         self.remembered = ["first_size", "template", "score"]
         self.remembered += ["first", "roi"] if self.keeps_first else []
-        self.remembered += ["past"] if config.score.leap or config.score.fall else []
+        self.remembered += ["past"] if config.score.recalls else []
         self.remembered += ["turn"] if config.scale.every > 1 else []
         self.middle = half
         weights = {} if policy is None else _weights(policy, n)
@@ -116,7 +118,8 @@ class Step(nn.Module):
         box = torch.cat([centre - size / 2, size])
         past = self.followed(past, new, (centre - before).float(), last.float(), seen)
         leap, fall = (LEAST + past[2:4]).log()
-        score = torch.sigmoid(self.total(seen | {"leap": leap, "fall": fall}))
+        recalled = {"leap": leap, "fall": fall, "unrest": past[5].clamp_max(UNREST)}
+        score = torch.sigmoid(self.total(seen | recalled))
         if not again:
             wide = window * self.zooms[used].double()
             side = size.prod().sqrt().expand(2) if config.window.shape == "square" else size
@@ -199,10 +202,12 @@ class Step(nn.Module):
         """`recovery.Search.follow`."""
         one = torch.ones(())
         rival, same = seen.get("rival", one), seen.get("same", one)
-        away = ((step - past[:2]).norm() / size).clamp_max(1.0) * rival
+        away = ((step - past[:2]).norm() / size).clamp_max(1.0)
         usual = torch.where(new > 0, same.clamp_min(ALIKE), past[4])
-        worst = torch.maximum((1 - FORGET) * past[2:4], torch.stack([away, usual - same]))
-        return torch.cat([(past[:2] + step) / 2, worst, ((1 - HABIT) * usual + HABIT * same)[None]])
+        worst = torch.maximum((1 - FORGET) * past[2:4], torch.stack([away * rival, usual - same]))
+        usual = (1 - HABIT) * usual + HABIT * same
+        unrest = (1 - RESTLESS) * past[5] + RESTLESS * away
+        return torch.cat([(past[:2] + step) / 2, worst, torch.stack([usual, unrest])])
 
     def compared(
         self, z: Tensor, first: Tensor, roi: Tensor, held: Tensor, zoom: Any, offset: Tensor,
