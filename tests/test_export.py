@@ -10,7 +10,7 @@ import pytest
 
 import entrack
 from entrack.cli.app import main
-from entrack.config import PolicyConfig, ScaleConfig, UpdateConfig, WindowConfig
+from entrack.config import ColourConfig, PolicyConfig, ScaleConfig, UpdateConfig, WindowConfig
 from entrack.datasets import open_dataset
 from entrack.datasets.frames import VideoFrames
 from entrack.model import assets, load_model, save_model
@@ -66,10 +66,24 @@ def paper(folder: Path, joint: bool) -> Path:
     return folder
 
 
-@pytest.mark.parametrize("name", ["cf", "policy", "quick", "paper", "joint"])
+def coloured(folder: Path) -> Path:
+    """The filter alone with colours, which count for the score, too."""
+    shipped = load_model("cf")
+    score = replace(shipped.config.score, bias=-1.0, colour=-1.0)
+    config = replace(shipped.config, score=score, colour=ColourConfig(bins=8))
+    folder.mkdir()
+    save_model(folder, "mine", "", config, shipped.trunk, None)
+    return folder
+
+
+@pytest.mark.parametrize("name", ["cf", "coloured", "policy", "quick", "paper", "joint"])
 def test_the_demo_clip_is_tracked_as_by_the_python_tracker(tmp_path: Path, name: str):
-    made = name in ("paper", "joint")
-    model = paper(tmp_path / "model", name == "joint") if made else name
+    makers = {
+        "paper": lambda f: paper(f, False),
+        "joint": lambda f: paper(f, True),
+        "coloured": coloured,
+    }
+    model = makers[name](tmp_path / "model") if name in makers else name
     clip = VideoFrames(assets() / "demo" / "clip.mp4", 390)
     box = np.loadtxt(assets() / "demo" / "clip.txt", delimiter=",")[0]
     assert_same_boxes(model, tmp_path / "out", [clip[k] for k in range(25)], box)

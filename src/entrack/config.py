@@ -80,6 +80,20 @@ class UpdateConfig:
 
 
 @dataclass(frozen=True, config=_STRICT)
+class ColourConfig:
+    """How the target's colours count, see `entrack.colour`."""
+
+    power: float = Field(default=2.0, ge=0, le=10)
+    """How much M is lowered where the target's colours are not: by their chance there, as a share
+    of the greatest in the window, to this power."""
+    bins: Literal[8, 16, 32] = 16
+    """Levels that are told apart in each of blue, green and red."""
+    rate: float = Field(default=0.04, ge=0, le=1)
+    """How fast the colours of the target, which are averaged with those of the first frame, and
+    those around it are learned anew."""
+
+
+@dataclass(frozen=True, config=_STRICT)
 class Weights:
     """Weights of what the tracker saw: `bias` + Σ weight · evidence. 0 leaves a signal out."""
 
@@ -98,6 +112,9 @@ class Weights:
     """
     same: float = 0.0
     """Cosine of the features in the new box and in the first."""
+    colour: float = 0.0
+    """The logarithm of how much the colours in the new box differ from those in the first, which is
+    0 to 1; with `[colour]` only."""
     leap: float = 0.0
     """The logarithm of the greatest leap so far: how far the target was from where it was expected,
     in sizes, times `rival`. It is forgotten by a hundredth a frame, for what the tracker may have
@@ -221,6 +238,8 @@ class Config:
     scale: ScaleConfig = Field(default_factory=ScaleConfig)
     update: UpdateConfig = Field(default_factory=UpdateConfig)
     score: ScoreConfig = UNFITTED
+    colour: ColourConfig | None = None
+    """None leaves colours to the trunk."""
     limits: LimitsConfig = Field(default_factory=LimitsConfig)
     spread: Weights | None = None
     """σ of the sides in units of the box's size is exp(bias + Σ weight · evidence); without this, σ

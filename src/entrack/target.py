@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from entrack import filter as cf
 from entrack.box import Boxes
+from entrack.colour import Codes, Colours
 from entrack.recovery import Origin, Search
 from entrack.state import State
 from entrack.window import Image, Window
@@ -75,6 +76,10 @@ class Target:
     weights: cf.Spectrum
     origin: Origin
     search: Search
+    colours: Colours | None = None
+    """None where the configuration leaves them to the trunk."""
+    codes: Codes | None = None
+    """Which colours the last look's pixels have."""
     known: object = None
     """What the policy's f1 remembers of the first frame."""
     looks: list[Look] = field(default_factory=list[Look])
@@ -82,7 +87,9 @@ class Target:
     state: State | None = None
     look: Look | None = None
     places: list[Window] = field(default_factory=list[Window])
-    """Where else it was looked for in the last frame, if it was lost …"""
+    """Where else it was looked for in the last frame, if it was lost, …"""
+    patches: list[Image] = field(default_factory=list[Image])
+    """… what was seen there …"""
     elsewhere: Boxes | None = None
     """… and where in them it is most likely (4,)."""
     unlearned: Image | None = None

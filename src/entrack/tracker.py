@@ -16,6 +16,7 @@ from entrack import box as boxes_
 from entrack import filter as cf
 from entrack import window as windows
 from entrack.box import Boxes
+from entrack.colour import Codes, Colours, Seen, codes
 from entrack.config import Config
 from entrack.errors import EntrackError
 from entrack.policy import Policy
@@ -85,12 +86,10 @@ class Tracker:
             raise EntrackError("there is no box to track")
         self._size = (frame.shape[1], frame.shape[0])
         windows_ = [windows.around(box, self.config.window) for box in started]
-        features = self._features(
-            [windows.crop(frame, w, self.config.window.border) for w in windows_]
-        )
+        patches = [windows.crop(frame, w, self.config.window.border) for w in windows_]
+        features = self._features(patches)
         self._targets = [
-            self._start(box, window, x)
-            for box, window, x in zip(started, windows_, features, strict=True)
+            self._start(*seen) for seen in zip(started, windows_, patches, features, strict=True)
         ]
         for k, target in enumerate(self._targets):
             target.turn = k % self.config.scale.every
@@ -100,10 +99,16 @@ class Tracker:
                 target.known = self.policy.f1.remember(x, roi.astype(np.float32))
         self.ids, self._given = list(range(len(started))), len(started)
 
-    def _start(self, box: Boxes, window: windows.Window, x: cf.Features) -> Target:
+    def _start(
+        self, box: Boxes, window: windows.Window, patch: windows.Image, x: cf.Features
+    ) -> Target:
         template, search = x * self._taper, Search(box, self.config.recovery)
         origin = Origin.of(x, box, window, self.fit)
-        return Target(box, box, template, self.fit(template), origin, search)
+        target = Target(box, box, template, self.fit(template), origin, search)
+        if self.config.colour:
+            roi, bins = window.to_patch(box) / window.size, self.config.colour.bins
+            target.colours = Colours.of(Seen.of(codes(patch, bins), roi, bins), self.config.colour)
+        return target
 
     def add(self, box: ArrayLike, image: Any = None) -> int:
         """Track one more target, from the frame seen last on; return its id, see `ids`.
@@ -195,6 +200,8 @@ class Tracker:
                 for zoom in self._zooms_of(target)
             ]
             target.look = target.looks[len(target.looks) // 2]
+            if self.policy:
+                target.look = self._coloured(target, target.look)
             target.state = self._state(target)
             if target.state:
                 target.look = replace(target.look, z=target.state.z)
@@ -215,8 +222,10 @@ class Tracker:
                 yield kept[-1]
             boxes = target.search.places(self._size)
             target.places = [windows.around(box, self.config.window) for box in boxes]
+            target.patches = []
             for window in target.places:
-                yield windows.crop(frame, window, self.config.window.border)
+                target.patches.append(windows.crop(frame, window, self.config.window.border))
+                yield target.patches[-1]
 
     def _zooms_of(self, target: Target) -> list[float]:
         return [1.0] if target.turn else self._zooms
@@ -226,6 +235,24 @@ class Tracker:
     ) -> Look:
         seen = cf.spectrum(features * self._taper)
         return Look(patch, features, seen, self.respond(target.weights, seen), zoom)
+
+    def _coloured(self, target: Target, look: Look) -> Look:
+        """The same with M weighed by colours, where they count."""
+        if target.colours is None:
+            return look
+        window = windows.around(target.box, self.config.window, look.zoom)
+        seen = (look.response, look.patch, window)
+        response, target.codes = self._weighed(target, target.box, *seen)
+        return replace(look, response=response)
+
+    def _weighed(
+        self, target: Target, box: Boxes, response: cf.Features, patch: windows.Image,
+        window: windows.Window,
+    ) -> tuple[cf.Features, Codes]:  # fmt: skip
+        """M weighed by colours, for a target as large as `box`; the colours of the pixels."""
+        assert target.colours
+        seen = codes(patch, target.colours.config.bins)
+        return target.colours.weigh(response, seen, box[2:] / window.box[2:]), seen
 
     @property
     def boxes(self) -> list[Boxes]:
@@ -250,7 +277,7 @@ class Tracker:
     def _follow_peak(self, target: Target) -> Answer:
         """Move and resize the box to where the response is highest: the filter alone."""
         config = self.config
-        target.look = self._best(target)
+        target.look = self._coloured(target, self._best(target))
         zoom, response = target.look.zoom, target.look.response
         window = windows.around(target.box, config.window, zoom)
         peak = cf.peak(response, target.search.likely(target.box, window, response.shape[-1]))
@@ -323,6 +350,9 @@ class Tracker:
         seen = answer.evidence
         search.follow(step, side, seen.get("rival", 1.0), seen.get("same", 1.0))
         evidence = seen | search.past.evidence
+        colours = self._colours(target, searched)
+        if target.colours and colours:
+            evidence["colour"] = target.colours.change(colours)
         score = config.chance(evidence) if sound else 0.0
         assert self._frame is not None and target.look is not None
         target.look = replace(target.look, evidence=evidence)
@@ -330,6 +360,8 @@ class Tracker:
         learn, window = self.config.update, self.config.window
         due = learn.rate > 0 and target.waited + 1 >= learn.every and score >= learn.min_score
         due = due and not search.active
+        if target.colours and colours and score >= learn.min_score and not search.active:
+            target.colours = target.colours.learn(colours)
         target.waited, target.unlearned = 0 if due else target.waited + 1, None
         target.turn = (target.turn - 1) % self.config.scale.every
         if due and learn.seen == "again":
@@ -339,6 +371,14 @@ class Tracker:
             x = shifted(target.look.features, wide, windows.around(target.box, window))
             self._learn(target, x * self._taper)
         return score
+
+    def _colours(self, target: Target, searched: Boxes) -> Seen | None:
+        """The colours in the new box, as far as it was in the window around the last one."""
+        if target.colours is None or target.codes is None or target.look is None:
+            return None
+        window = windows.around(searched, self.config.window, target.look.zoom)
+        roi = window.to_patch(target.box) / window.size
+        return Seen.of(target.codes, roi, target.colours.config.bins)
 
     def _evidence(self, target: Target, peak: cf.Peak, box: Boxes) -> dict[str, float]:
         """What the score is computed from, for a new box."""
@@ -371,7 +411,12 @@ class Tracker:
         # Of what was learned since, the target alone counts, too: its surroundings stay behind.
         recent = self.fit(target.template * target.origin.taper)
         seen = cf.spectrum(np.stack(features))
-        responses = self.respond(target.origin.weights, seen) + self.respond(recent, seen)
+        responses: cf.Features = self.respond(target.origin.weights, seen)
+        responses = (responses + self.respond(recent, seen)) / np.float32(2)
+        if target.colours:
+            parts = zip(responses, target.patches, target.places, strict=True)
+            weighed = [self._weighed(target, target.search.held, *part)[0] for part in parts]
+            responses = np.stack(weighed)
         return likeliest(responses, target.places, target.search.held[2:])
 
     def _sigma(self, target: Target, answer: Answer) -> NDArray[np.float64] | None:

@@ -65,7 +65,8 @@ def export_model(model: Model, out: Path, precision: str = "model") -> list[Path
     card = (texts / "README.md.txt").read_text()
     text = card.format(
         name=model.name, size=config.window.size, n=step.n, c=channels, k=config.scale.steps,
-        memory="".join(_MEMORY[name] for name in step.remembered if name in _MEMORY), sigma=_SIGMA if policy else "", places=PLACES,
+        memory="".join(_MEMORY[name] for name in step.remembered if name in _MEMORY).format(
+            k=config.scale.steps, size=config.window.size), sigma=_SIGMA if policy else "", places=PLACES,
         without=_WITHOUT if config.recovery else "",
     )  # fmt: skip
     write_bytes(out / "README.md", text.encode())
@@ -83,10 +84,11 @@ def _channels(trunk: Path) -> int:
 
 def _write_step(step: Step, c: int, path: Path) -> None:
     n, k = step.n, step.config.scale.steps
+    side, colour = step.config.window.size, step.config.colour
     shapes = {
         "features": (1 + k, c, n, n), "box": (4,), "image": (2,), "first_size": (2,),
         "template": (c, n, n), "score": (), "first": (c, n, n), "roi": (4,), "past": (6,),
-        "turn": (),
+        "turn": (), "patches": (1 + k, 3, side, side), "colours": (3, colour.bins**3 if colour else 1),
     }  # fmt: skip
     outputs = ["box_out"] + (["sigma"] if step.policy else [])
     outputs += [f"{m}_out" for m in step.remembered]
@@ -108,6 +110,9 @@ _MEMORY = {
     "frame, x and y in pixels; the greatest leap and the greatest fall; how it looks; how restless it is |\n",
     "turn": "| `turn` | `turn_out` | float32 (): frames until other sizes than the last are looked at; "
     "above 0, `features` of the other `zooms` are not used |\n",
+    "colours": "| `patches` | | float32 ({k} + 1, 3, {size}, {size}): what the trunk saw for `features` |\n"
+    "| `colours` | `colours_out` | float32 (3, bins³): shares of the target's colours in the first frame, "
+    "and running means of them and of those around it |\n",
 }
 _SIGMA = """
 `sigma`, float32 (4,): standard deviation of the left, top, right and bottom side, in units of the last box's size.
