@@ -83,7 +83,7 @@ class UpdateConfig:
 class ColourConfig:
     """How the target's colours count, see `entrack.colour`."""
 
-    power: float = Field(default=2.0, ge=0, le=10)
+    power: float = Field(default=1.0, ge=0, le=10)
     """How much M is lowered where the target's colours are not: by their chance there, as a share
     of the greatest in the window, to this power."""
     bins: Literal[8, 16, 32] = 16
