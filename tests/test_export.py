@@ -33,8 +33,9 @@ def exported(model: object, out: Path, *words: str):
 
 
 def assert_same_boxes(
-    model: object, out: Path, frames, box, engine: str = "onnxruntime", precision: str = "model"
-) -> None:
+    model: object, out: Path, frames, box, engine: str = "onnxruntime", precision: str = "model",
+    atol: float = 0.1,
+) -> None:  # fmt: skip
     """Those of the tracker that does not search for a lost target."""
     tracker = entrack.load(str(model), engine=engine, precision=precision)
     tracker = Tracker(replace(tracker.config, recovery=None), tracker.trunk, tracker.policy)
@@ -42,8 +43,8 @@ def assert_same_boxes(
     track = exported(model, out, "--precision", precision).track
     for k, (found, score) in enumerate(track(frames, box), 1):
         estimate = tracker.update(frames[k])
-        np.testing.assert_allclose(found, estimate.box, atol=0.1)
-        assert score == pytest.approx(estimate.score, abs=0.01)
+        np.testing.assert_allclose(found, estimate.box, atol=atol)
+        assert score == pytest.approx(estimate.score, abs=atol / 10)
     assert k == len(frames) - 1
 
 
@@ -93,7 +94,9 @@ def test_the_demo_clip_is_tracked_as_by_the_python_tracker(tmp_path: Path, name:
 def test_crossing_is_tracked_as_by_the_python_tracker(shared: Path, tmp_path: Path, name: str):
     sequence = open_dataset(f"otb:{shared}/data/otb").read("Crossing")
     frames = [sequence.frames[k] for k in range(len(sequence))]
-    assert_same_boxes(name, tmp_path / "out", frames, sequence.boxes[0])
+    # Scores differ by 1e-7, until a side is cut to the next 1/128 pixel by one and not the other:
+    # from there int8 sees other patches, and boxes of a hundred frames differ by less than a pixel.
+    assert_same_boxes(name, tmp_path / "out", frames, sequence.boxes[0], atol=1)
 
 
 def test_in_fp32_crossing_is_tracked_as_by_the_python_tracker_on_its_default_engine(
