@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from entrack.colour import LEAST, Colours, Seen, codes
+from entrack.colour import LEAST, Colours, Seen
 from entrack.config import ColourConfig, Config, RecoveryConfig, UpdateConfig
 from entrack.tracker import Tracker
 from test_tracker import Averages
@@ -26,13 +26,13 @@ def patch(*squares, size: int = 288, ground=GREY):
 
 
 def started(picture, config: ColourConfig) -> Colours:
-    return Colours.of(Seen.of(codes(picture, config.bins), ROI, config.bins), config)
+    return Colours.of(picture, ROI, config)
 
 
 @pytest.mark.parametrize("bins", [8, 16, 32])
 def test_a_twin_in_blue_counts_less(bins: int):
     colours = started(patch(((0.5, 0.5), RED)), ColourConfig(bins=bins))
-    seen = codes(patch(((0.5 + 4 / N, 0.5), RED), ((0.5 - 4 / N, 0.5), BLUE)), bins)
+    seen = patch(((0.5 + 4 / N, 0.5), RED), ((0.5 - 4 / N, 0.5), BLUE))
 
     weighed = colours.weigh(np.ones((N, N), np.float32), seen, ROI[2:])
 
@@ -45,7 +45,7 @@ def test_colours_that_tell_nothing_change_nothing():
     colours = started(patch(), ColourConfig())
     response = np.random.default_rng(0).normal(size=(N, N)).astype(np.float32)
 
-    weighed = colours.weigh(response, codes(patch(), 16), ROI[2:])
+    weighed = colours.weigh(response, patch(), ROI[2:])
 
     np.testing.assert_allclose(weighed, response, rtol=1e-5)
 
@@ -54,7 +54,7 @@ def test_where_the_colours_are_not_seen_at_all_nothing_changes_either():
     colours = started(patch(((0.5, 0.5), RED)), ColourConfig())
     response = np.ones((N, N), np.float32)
 
-    weighed = colours.weigh(response, codes(patch(((0.3, 0.5), BLUE)), 16), ROI[2:])
+    weighed = colours.weigh(response, patch(((0.3, 0.5), BLUE)), ROI[2:])
 
     np.testing.assert_allclose(weighed, response, rtol=1e-5)
 
@@ -63,7 +63,7 @@ def test_the_change_grows_with_the_share_of_another_colour():
     colours = started(patch(((0.5, 0.5), RED)), ColourConfig())
 
     def change(*squares) -> float:
-        return colours.change(Seen.of(codes(patch(*squares), 16), ROI, 16))
+        return colours.change(Seen.of(patch(*squares), ROI, 16))
 
     assert change(((0.5, 0.5), RED)) == pytest.approx(np.log(LEAST), abs=1e-4)
     assert change(((0.5, 0.5), BLUE)) == pytest.approx(np.log(LEAST + 1))
@@ -71,7 +71,7 @@ def test_the_change_grows_with_the_share_of_another_colour():
 
 
 def test_a_box_outside_the_window_has_no_colours():
-    seen = Seen.of(codes(patch(), 16), np.array([2, 2, 0.2, 0.2]), 16)
+    seen = Seen.of(patch(), np.array([2, 2, 0.2, 0.2]), 16)
 
     assert seen.inside.sum() == 0
     assert seen.around.sum() == pytest.approx(1)
@@ -79,7 +79,7 @@ def test_a_box_outside_the_window_has_no_colours():
 
 def test_the_mean_follows_slowly_and_the_first_stays():
     colours = started(patch(((0.5, 0.5), RED)), ColourConfig(rate=0.25))
-    blue = Seen.of(codes(patch(((0.5, 0.5), BLUE)), 16), ROI, 16)
+    blue = Seen.of(patch(((0.5, 0.5), BLUE)), ROI, 16)
 
     later = colours.learn(blue)
 

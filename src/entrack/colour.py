@@ -53,14 +53,15 @@ class Seen:
     around: Shares
 
     @classmethod
-    def of(cls, codes: Codes, roi: Boxes, bins: int) -> "Seen":
-        """Count the colours of a window's `codes`; `roi` is the box in shares of the window."""
+    def of(cls, patch: Image, roi: Boxes, bins: int) -> "Seen":
+        """Count the colours of a window; `roi` is the box in shares of the window."""
+        seen = codes(patch, bins)
 
         def count(weights: Features) -> Shares:
-            total = np.bincount(codes.ravel(), weights.ravel(), bins**3).astype(np.float32)
+            total = np.bincount(seen.ravel(), weights.ravel(), bins**3).astype(np.float32)
             return total / np.float32(max(total.sum(), 1e-9))
 
-        n, (x, y, w, h) = len(codes), roi.tolist()
+        n, (x, y, w, h) = len(seen), roi.tolist()
         inner, outer = (
             np.outer(covered(y + h / 2, f * h, n), covered(x + w / 2, f * w, n))
             for f in (INNER, OUTER)
@@ -92,8 +93,9 @@ class Colours:
     """Running means."""
 
     @classmethod
-    def of(cls, seen: Seen, config: ColourConfig) -> "Colours":
-        """Start with the first frame's."""
+    def of(cls, patch: Image, roi: Boxes, config: ColourConfig) -> "Colours":
+        """Start with a box in the first frame's window, in shares of it."""
+        seen = Seen.of(patch, roi, config.bins)
         return cls(config, seen.inside, seen)
 
     def learn(self, seen: Seen) -> "Colours":
@@ -110,15 +112,16 @@ class Colours:
         alike = float(np.sqrt(self.first * seen.inside).sum())
         return math.log(LEAST + max(1 - alike, 0.0))
 
-    def weigh(self, response: Features, codes: Codes, size: Boxes) -> Features:
+    def weigh(self, response: Features, patch: Image, size: Boxes) -> Features:
         """M (n, n), lowered where the colours are others'; `size` (2,) in shares of the window."""
+        seen = codes(patch, self.config.bins)
         own = (self.first + self.mean.inside) / 2
         chance = own / (own + self.mean.around + RARE)
         n = response.shape[-1]
         # Where the target would be for each cell of M, in shares of the window's side.
         places = np.arange(n, dtype=np.float64) / n + (0.5 - n // 2 / n)
-        columns, rows = (covered(places, INNER * side, len(codes)) for side in size.tolist())
-        found = _means(rows) @ chance[codes] @ _means(columns).T + DOUBT
+        columns, rows = (covered(places, INNER * side, len(seen)) for side in size.tolist())
+        found = _means(rows) @ chance[seen] @ _means(columns).T + DOUBT
         weight = (found / found.max()) ** self.config.power
         return np.where(response > 0, weight * response, response).astype(np.float32)
 

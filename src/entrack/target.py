@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from entrack import filter as cf
 from entrack.box import Boxes
-from entrack.colour import Codes, Colours
+from entrack.colour import Colours
 from entrack.recovery import Origin, Search
 from entrack.state import State
 from entrack.window import Image, Window
@@ -78,8 +78,6 @@ class Target:
     search: Search
     colours: Colours | None = None
     """None where the configuration leaves them to the trunk."""
-    codes: Codes | None = None
-    """Which colours the last look's pixels have."""
     known: object = None
     """What the policy's f1 remembers of the first frame."""
     looks: list[Look] = field(default_factory=list[Look])

@@ -16,7 +16,7 @@ from entrack import box as boxes_
 from entrack import filter as cf
 from entrack import window as windows
 from entrack.box import Boxes
-from entrack.colour import Codes, Colours, Seen, codes
+from entrack.colour import Colours, Seen
 from entrack.config import Config
 from entrack.errors import EntrackError
 from entrack.policy import Policy
@@ -106,8 +106,8 @@ class Tracker:
         origin = Origin.of(x, box, window, self.fit)
         target = Target(box, box, template, self.fit(template), origin, search)
         if self.config.colour:
-            roi, bins = window.to_patch(box) / window.size, self.config.colour.bins
-            target.colours = Colours.of(Seen.of(codes(patch, bins), roi, bins), self.config.colour)
+            roi = window.to_patch(box) / window.size
+            target.colours = Colours.of(patch, roi, self.config.colour)
         return target
 
     def add(self, box: ArrayLike, image: Any = None) -> int:
@@ -241,18 +241,8 @@ class Tracker:
         if target.colours is None:
             return look
         window = windows.around(target.box, self.config.window, look.zoom)
-        seen = (look.response, look.patch, window)
-        response, target.codes = self._weighed(target, target.box, *seen)
-        return replace(look, response=response)
-
-    def _weighed(
-        self, target: Target, box: Boxes, response: cf.Features, patch: windows.Image,
-        window: windows.Window,
-    ) -> tuple[cf.Features, Codes]:  # fmt: skip
-        """M weighed by colours, for a target as large as `box`; the colours of the pixels."""
-        assert target.colours
-        seen = codes(patch, target.colours.config.bins)
-        return target.colours.weigh(response, seen, box[2:] / window.box[2:]), seen
+        size = target.box[2:] / window.box[2:]
+        return replace(look, response=target.colours.weigh(look.response, look.patch, size))
 
     @property
     def boxes(self) -> list[Boxes]:
@@ -374,11 +364,11 @@ class Tracker:
 
     def _colours(self, target: Target, searched: Boxes) -> Seen | None:
         """The colours in the new box, as far as it was in the window around the last one."""
-        if target.colours is None or target.codes is None or target.look is None:
+        if target.colours is None or target.look is None:
             return None
         window = windows.around(searched, self.config.window, target.look.zoom)
         roi = window.to_patch(target.box) / window.size
-        return Seen.of(target.codes, roi, target.colours.config.bins)
+        return Seen.of(target.look.patch, roi, target.colours.config.bins)
 
     def _evidence(self, target: Target, peak: cf.Peak, box: Boxes) -> dict[str, float]:
         """What the score is computed from, for a new box."""
@@ -414,9 +404,9 @@ class Tracker:
         responses: cf.Features = self.respond(target.origin.weights, seen)
         responses = (responses + self.respond(recent, seen)) / np.float32(2)
         if target.colours:
-            parts = zip(responses, target.patches, target.places, strict=True)
-            weighed = [self._weighed(target, target.search.held, *part)[0] for part in parts]
-            responses = np.stack(weighed)
+            sizes = [target.search.held[2:] / window.box[2:] for window in target.places]
+            parts = zip(responses, target.patches, sizes, strict=True)
+            responses = np.stack([target.colours.weigh(*part) for part in parts])
         return likeliest(responses, target.places, target.search.held[2:])
 
     def _sigma(self, target: Target, answer: Answer) -> NDArray[np.float64] | None:

@@ -9,7 +9,7 @@ import os
 import warnings
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,7 +41,7 @@ def each(trunk: Trunk, patches: Iterable[Image]) -> Iterator[Features]:
 
 
 class OpenVINOTrunk:
-    """The default engine: one network for one patch, and several patches at a time.
+    """The default engine: several patches at a time, and all threads on one that is left alone.
 
     Each runs on a thread of its own, which is as fast as a batch on idle cores, much faster on busy
     ones, and needs no second network for another number of patches.
@@ -56,13 +56,13 @@ class OpenVINOTrunk:
         self._source: Any = _exact(path) if exact else path
         threads = threads or os.cpu_count() or 1
         self._options: dict[str, Any] = {
-            "NUM_STREAMS": min(threads, 4),
             "INFERENCE_NUM_THREADS": threads,
             "ENABLE_CPU_PINNING": False,
         }
+        self._streams = min(threads, 4)
         self._size = 0
-        self._network: Any = None
-        self._requests: list[Any] = []
+        self._networks: dict[int, Any] = {}
+        self._requests: dict[tuple[int, int], Any] = {}
         capabilities = self._core.get_property("CPU", "OPTIMIZATION_CAPABILITIES")
         quantised = b"QuantizeLinear" in path.read_bytes()
         self.precision = "fp32" if exact else _precision(quantised, capabilities)
@@ -75,32 +75,42 @@ class OpenVINOTrunk:
 
     def each(self, patches: Iterable[Image]) -> Iterator[Features]:
         """See `each`: it works on a patch while the caller cuts the next, or uses the last Z."""
-        running: list[tuple[Any, Image, Features]] = []  # the engine reads and writes their memory
+        running: list[_Run] = []
+        patches = iter(patches)
+        patch = next(patches, None)
         try:
-            for patch in patches:
-                request = self._request(len(running), len(patch))
-                patch = np.ascontiguousarray(patch[None])
-                features = np.empty(self._network.output().shape, np.float32)
-                request.set_input_tensor(self._ov.Tensor(patch, shared_memory=True))
-                request.set_output_tensor(self._ov.Tensor(features, shared_memory=True))
-                request.start_async()
-                running.append((request, patch, features))
-            for request, _, features in running:
-                request.wait()
-                yield features[0]
+            while patch is not None:
+                following = next(patches, None)
+                alone = following is None and len(running) % self._streams == 0
+                if alone:
+                    for run in running:
+                        run.request.wait()
+                running.append(self._start(patch, len(running), 1 if alone else self._streams))
+                patch = following
+            for run in running:
+                run.request.wait()
+                yield run.features[0]
         finally:
-            for request, *_ in running:
-                request.wait()
+            for run in running:
+                run.request.wait()
 
-    def _request(self, index: int, size: int) -> Any:
-        """The place of the engine for the patch at `index`."""
-        if size != self._size:
-            self._network, self._requests, self._size = self._compile(size), [], size
-        if index == len(self._requests):
-            self._requests.append(self._network.create_infer_request())
-        return self._requests[index]
+    def _start(self, patch: Image, index: int, streams: int) -> "_Run":
+        """Begin with the patch at `index`, on one of so many streams."""
+        if len(patch) != self._size:
+            self._networks, self._requests, self._size = {}, {}, len(patch)
+        if streams not in self._networks:
+            self._networks[streams] = self._compile(self._size, streams)
+        network, place = self._networks[streams], (streams, index)
+        if place not in self._requests:
+            self._requests[place] = network.create_infer_request()
+        patch = np.ascontiguousarray(patch[None])
+        run = _Run(self._requests[place], patch, np.empty(network.output().shape, np.float32))
+        run.request.set_input_tensor(self._ov.Tensor(run.patch, shared_memory=True))
+        run.request.set_output_tensor(self._ov.Tensor(run.features, shared_memory=True))
+        run.request.start_async()
+        return run
 
-    def _compile(self, size: int) -> Any:
+    def _compile(self, size: int, streams: int) -> Any:
         ov = self._ov
         try:
             model = self._core.read_model(self._source)
@@ -108,7 +118,8 @@ class OpenVINOTrunk:
             steps = ov.preprocess.PrePostProcessor(model)
             steps.input().tensor().set_element_type(ov.Type.u8).set_layout(ov.Layout("NHWC"))
             steps.input().model().set_layout(ov.Layout("NCHW"))
-            network = self._core.compile_model(steps.build(), "CPU", self._options)
+            options = self._options | {"NUM_STREAMS": streams}
+            network = self._core.compile_model(steps.build(), "CPU", options)
             shape = list(network.output().shape)
         except RuntimeError as error:
             why = str(error).strip().splitlines()[-1]
@@ -117,6 +128,14 @@ class OpenVINOTrunk:
             cells = f"(1, C, {size // 16}, {size // 16})"
             raise EntrackError(f"{self._path} is no trunk: it makes {shape}, expected {cells}")
         return network
+
+
+class _Run(NamedTuple):
+    """A patch that is worked on; the engine reads and writes the memory of both arrays."""
+
+    request: Any
+    patch: Image
+    features: Features
 
 
 class OnnxRuntimeTrunk:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import entrack.filter as cf
-from entrack.colour import Colours, Seen, codes
+from entrack.colour import Colours
 from entrack.config import Config
 from entrack.datasets.sequence import Sequence
 from entrack.files import unfinished
@@ -138,9 +138,8 @@ def make_chunk(chunk: Chunk, report: Any = None) -> None:
         weights = cf.fit(cf.spectrum(template * taper), label, config.filter.regularisation)
         response = cf.respond(weights, cf.spectrum(search * taper))
         if config.colour:
-            before, now = (codes(p, config.colour.bins) for p in (pair.template, pair.search))
-            colours = Colours.of(Seen.of(before, pair.roi, config.colour.bins), config.colour)
-            response = colours.weigh(response, now, pair.held[:2])
+            colours = Colours.of(pair.template, pair.roi, config.colour)
+            response = colours.weigh(response, pair.search, pair.held[:2])
         reduced = [np.tensordot(vectors.T, z - mean[:, None, None], 1) for z in (template, search)]
         points = sample_grid(reduced[0], pair.roi.astype(np.float32))
         found = (reduced[1], points, response, pair.box, pair.held)
