@@ -41,10 +41,10 @@ def each(trunk: Trunk, patches: Iterable[Image]) -> Iterator[Features]:
 
 
 class OpenVINOTrunk:
-    """The default engine: several patches at a time, and all threads on one that is left alone.
+    """The default engine: networks for one patch, and several patches at a time.
 
-    Each runs on a thread of its own, which is as fast as a batch on idle cores, much faster on busy
-    ones, and needs no second network for another number of patches.
+    Each runs on a thread of its own, which is as fast as a batch on idle cores and much faster on
+    busy ones. One that is left alone, as the last of an odd number is, has all threads.
     """
 
     def __init__(self, path: Path, threads: int | None = None, exact: bool = False) -> None:
@@ -74,7 +74,7 @@ class OpenVINOTrunk:
         return np.stack(list(self.each(patches)))
 
     def each(self, patches: Iterable[Image]) -> Iterator[Features]:
-        """See `each`: it works on a patch while the caller cuts the next, or uses the last Z."""
+        """See `each`: it works on patches while the caller cuts the next, or uses the last Z."""
         running: list[_Run] = []
         patches = iter(patches)
         patch = next(patches, None)
