@@ -20,7 +20,7 @@ START = (60, 100, 40, 40)
 SURE = Config(
     score=ScoreConfig(bias=-9, first=10, same=10, lost=-3),
     update=UpdateConfig(rate=0.02, min_score=0.5),
-    recovery=RecoveryConfig(),
+    recovery=RecoveryConfig(patience=1),
 )
 
 
@@ -72,14 +72,14 @@ def test_looks_are_bounded():
             return super().__call__(patches)
 
     trunk = Counts()
-    config = replace(SURE, recovery=RecoveryConfig(looks=3))
+    config = replace(SURE, recovery=RecoveryConfig(looks=3, patience=1))
     t = Tracker(config, trunk)
     t.init(scene(START[:2]), START)
     t.update(scene(START[:2]))
     trunk.most = 0
     for _ in range(40):
         t.update(GROUND)
-    assert trunk.most == 3 + 1 + 3  # three sizes, the box that is held, and three places
+    assert trunk.most == 3 + 2 + 3  # three sizes, the box that is held, where it was, three places
 
 
 def test_nothing_is_learned_while_lost():
@@ -103,9 +103,12 @@ def test_the_ground_of_the_first_frame_is_not_the_target():
     assert estimate.lost and iou(estimate.box, START) == 0
 
 
+HELD = np.array([100.0, 100, 40, 40])
+
+
 def search(**values: object) -> Search:
-    config = RecoveryConfig(**values)  # type: ignore[arg-type]
-    return Search(np.array([100.0, 100, 40, 40]), config)
+    config = RecoveryConfig(**({"patience": 1} | values))  # type: ignore[arg-type]
+    return Search(HELD, config)
 
 
 @pytest.mark.parametrize(("jump", "held"), [(0.3, True), (1.0, False)])
@@ -140,21 +143,48 @@ def test_the_likeliest_place_is_the_highest_peak_over_its_ground():
 def test_places_are_inside_the_picture_and_all_are_seen_in_turn():
     lost = search(looks=4, growth=1)
     for _ in range(10):
-        lost.decide(0.0, ScoreConfig())
+        lost.decide(0.0, HELD, ScoreConfig())
     seen = [lost.places((320, 240)) for _ in range(12)]
-    assert all(len(places) == 5 for places in seen)
+    assert all(len(places) == 4 + 2 for places in seen)
     centres = np.array([boxes.centre(box) for places in seen for box in places])
     assert (centres >= -26).all() and (centres <= [346, 266]).all()
     assert np.hypot(*(centres - [120, 120]).T).max() > 150
     assert len(np.unique(centres, axis=0)) > 30
 
 
+def test_it_also_looks_where_the_target_was_lost():
+    lost, left = search(looks=1), HELD + np.array([70.0, 0, 0, 0])
+    lost.decide(0.0, left, ScoreConfig())
+    lost.decide(0.0, HELD, ScoreConfig())
+    assert [place.tolist() for place in lost.places((320, 240))][-1] == left.tolist()
+
+
+def test_a_target_that_was_long_followed_without_being_sure_is_searched_further_away():
+    at_once, late = search(growth=0.1), search(growth=0.1)
+    for _ in range(10):
+        late.decide(0.3, HELD, ScoreConfig())
+        late.sure(HELD, 0.3)
+    for lost in (at_once, late):
+        lost.decide(0.0, HELD, ScoreConfig())
+    assert (at_once.radius, late.radius) == pytest.approx((0.1 * 40, 1.1 * 40))
+    late.sure(HELD, 0.9)
+    assert late.radius == 0
+
+
+def test_a_doubt_that_passes_starts_no_search():
+    target, searched = search(patience=3), []
+    for score in (0.0, 0.0, 0.3, 0.0, 0.0, 0.0):
+        target.decide(score, HELD, ScoreConfig())
+        searched.append(target.active)
+    assert searched == [False] * 5 + [True]
+
+
 def test_a_glimpse_does_not_count_as_found():
     lost = search(confirm=3)
-    lost.decide(0.0, ScoreConfig())
+    lost.decide(0.0, HELD, ScoreConfig())
     states = []
     for found in (True, True, False, True, True, True):
-        lost.decide(float(found), ScoreConfig())
+        lost.decide(float(found), HELD, ScoreConfig())
         states.append(lost.lost)
     assert states == [True, True, True, True, True, False]
 
@@ -163,7 +193,7 @@ def test_it_says_lost_long_before_it_searches_and_a_search_is_lost_until_its_fin
     limits = ScoreConfig(lost_below=0.3, found_above=0.45)
     target, states = search(below=0.1, found_above=0.2, confirm=1), []
     for score in (0.4, 0.25, 0.35, 0.05, 0.15, 0.25, 0.5):
-        target.decide(score, limits)
+        target.decide(score, HELD, limits)
         states.append((target.lost, target.active))
     lost, searched = (False, True, True, True, True, True, False), (3, 4)
     assert states == [(flag, k in searched) for k, flag in enumerate(lost)]

@@ -179,6 +179,8 @@ class RecoveryConfig:
 
     below: float = Field(default=0.07, ge=0, le=1)
     """It searches when the score falls below this; to say lost, `score.lost_below`, is cheaper …"""
+    patience: int = Field(default=3, ge=1, le=30)
+    """… for so many frames in a row: a target that is small and fast is doubted now and then …"""
     found_above: float = Field(default=0.25, ge=0, le=1)
     """… and works where it has found something from this on."""
     leeway: float = Field(default=0.2, gt=0)
@@ -191,9 +193,10 @@ class RecoveryConfig:
     confirm: int = Field(default=2, ge=1, le=30)
     """Frames in a row with that until the search ends."""
     looks: int = Field(default=4, ge=0, le=64)
-    """Places looked at in each frame of a search, besides the box that is held."""
+    """Places looked at in each frame of a search, besides the box that is held and where it was
+    lost."""
     growth: float = Field(default=0.15, ge=0)
-    """Sizes by which the search reaches further in each frame."""
+    """Sizes by which the search reaches further in each frame since the box that is held."""
     reach: float = Field(default=8.0, ge=0)
     """Sizes that it reaches to at most."""
     stride: float = Field(default=1.3, gt=0)

@@ -170,8 +170,14 @@ class Search:
     """Whether the target is searched."""
     gone: int = 0
     """Frames for which it has been searched."""
+    unsure: int = 0
+    """Frames between that box and the search, in which it was followed all the same."""
+    doubted: int = 0
+    """Frames in a row in which it seemed to be lost."""
     confirmed: int = 0
     """Frames in a row in which it seemed to be found."""
+    left: Boxes | None = None
+    """Where it was when the search began."""
     step: NDArray[np.float64] = field(default_factory=lambda: np.zeros(2))
     """How the target's centre moves from frame to frame, a running mean (2,) in pixels."""
     past: Past = Past()
@@ -191,8 +197,10 @@ class Search:
     @property
     def radius(self) -> float:
         """How far from the held box's centre the target is searched, pixels."""
-        config = self.config
-        return self.size * min(config.growth * self.gone, config.reach) if config else 0.0
+        if not self.config:
+            return 0.0
+        frames = self.unsure + self.gone
+        return self.size * min(self.config.growth * frames, self.config.reach)
 
     def follow(
         self, step: NDArray[np.float64], size: float, rival: float = 1.0, same: float = 1.0
@@ -217,17 +225,22 @@ class Search:
 
     def sure(self, box: Boxes, score: float) -> None:
         """Come back to this box if the next ones are none, if the score is high enough for that."""
+        self.unsure += 1
         if self.config and score >= self.config.sure_above:
-            self.held, self.gone, self.visited = box.copy(), 0, {}
+            self.held, self.gone, self.unsure, self.visited = box.copy(), 0, 0, {}
             self.held_past = self.past
 
-    def decide(self, score: float, limits: ScoreConfig) -> None:
-        """Hear the score of this frame."""
+    def decide(self, score: float, box: Boxes, limits: ScoreConfig) -> None:
+        """Hear the score and the box of this frame."""
         if self.config:
             enough = self.config.found_above if self.active else self.config.below
             self.confirmed = self.confirmed + 1 if score >= enough else 0
-            self.active = self.confirmed < (self.config.confirm if self.active else 1)
+            self.doubted = 0 if self.confirmed else self.doubted + 1
+            few = self.confirmed < self.config.confirm
+            self.active = few if self.active else self.doubted >= self.config.patience
             self.gone += self.active
+            if self.active and self.gone == 1:
+                self.left = box.copy()
         self.lost = score < (limits.found_above if self.lost else limits.lost_below) or self.active
 
     def restart(self, place: Boxes | None) -> Boxes:
@@ -238,10 +251,10 @@ class Search:
         return place
 
     def places(self, frame: tuple[int, int]) -> list[Boxes]:
-        """Where to look for a lost target: at the held box and at most `looks` others.
+        """Where to look for a lost target: at the held box, where it was lost, and around.
 
-        Those that were not seen for longest come first, then the nearest. `frame` is the picture's
-        width and height.
+        Of the at most `looks` places around, those that were not seen for longest come first, then
+        the nearest. `frame` is the picture's width and height.
         """
         if not (self.active and self.config):
             return []
@@ -258,7 +271,10 @@ class Search:
         around.sort(key=lambda place: (self.visited.get(place, 0), math.hypot(*place)))
         chosen = [(0, 0), *around[: self.config.looks]]
         self.visited |= dict.fromkeys(chosen, self.gone)
-        return [boxes_.from_centre(centre + np.array(p) * stride, self.held[2:]) for p in chosen]
+        centres = [centre + np.array(place) * stride for place in chosen]
+        if self.left is not None:
+            centres.append(boxes_.centre(self.left))
+        return [boxes_.from_centre(place, self.held[2:]) for place in centres]
 
     def area(self, window: Boxes) -> Boxes:
         """All that is searched (4,), with windows as large as `window`."""

@@ -106,3 +106,5 @@ class Target:
         """Follow a change of the frame's size: `ratio` (4,)."""
         self.box, self.first = self.box * ratio, self.first * ratio
         self.search.held, self.search.step = self.search.held * ratio, self.search.step * ratio[:2]
+        if self.search.left is not None:
+            self.search.left = self.search.left * ratio

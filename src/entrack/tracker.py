@@ -346,7 +346,7 @@ class Tracker:
         score = config.chance(evidence) if sound else 0.0
         assert self._frame is not None and target.look is not None
         target.look = replace(target.look, evidence=evidence)
-        search.decide(score, config)
+        search.decide(score, target.box, config)
         learn, window = self.config.update, self.config.window
         due = learn.rate > 0 and target.waited + 1 >= learn.every and score >= learn.min_score
         due = due and not search.active
