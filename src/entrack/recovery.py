@@ -177,7 +177,7 @@ class Search:
     confirmed: int = 0
     """Frames in a row in which it seemed to be found."""
     left: Boxes | None = None
-    """Where it was when the search began."""
+    """Where it was when it was first missed after that box."""
     step: NDArray[np.float64] = field(default_factory=lambda: np.zeros(2))
     """How the target's centre moves from frame to frame, a running mean (2,) in pixels."""
     past: Past = Past()
