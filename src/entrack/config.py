@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal, TypeVar
 
-from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
+from pydantic import ConfigDict, Field, TypeAdapter, ValidationError, model_validator
 from pydantic.dataclasses import dataclass
 
 from entrack.errors import EntrackError
@@ -61,6 +61,24 @@ class ScaleConfig:
     every: int = Field(default=1, ge=1)
     """Frames from one search to the next; in between, only the last size is looked at, which saves
     passes of the trunk. Several targets take turns."""
+
+
+@dataclass(frozen=True, config=_STRICT)
+class LikenessConfig:
+    """How the box is set right by what is most like it, see `entrack.likeness`."""
+
+    span: float = Field(default=1.2, gt=1, le=2)
+    """A box larger by this factor is compared with one smaller by it; no frame changes more."""
+    gain: float = Field(default=1.2, ge=0)
+    """Logarithm of the change of size, for a difference of 1 between their cosines …"""
+    bias: float = Field(default=0.04, ge=-0.5, le=0.5)
+    """… and where there is no difference: a larger box has more in it that the target has not."""
+    step: float = Field(default=0.08, gt=0, le=0.5)
+    """A box so many sizes further on is compared with one so many sizes back, on each axis."""
+    pull: float = Field(default=0.3, ge=0)
+    """Sizes by which the centre is moved, for a difference of 1; 0 leaves it where it is."""
+    rate: float = Field(default=0.01, ge=0, le=1)
+    """How fast it is learned anew what the inside of the box looks like."""
 
 
 @dataclass(frozen=True, config=_STRICT)
@@ -213,7 +231,8 @@ class PolicyConfig:
     reach: float = Field(default=1.5, gt=0, le=4)
     """Furthest that an action moves a side of the box, in units of the box's own size."""
     search: float = Field(default=0.0, ge=0, le=1)
-    """Share of the change of size that is the scale search's; the rest is the action's (row 20)."""
+    """Share of the change of size that is the scale search's, or that of likeness; the rest is the
+    action's (row 20)."""
     keep_aspect: bool = False
     """The action changes width and height by the same factor."""
     act: Literal["mean", "sample"] = "mean"
@@ -239,6 +258,8 @@ class Config:
     window: WindowConfig = Field(default_factory=WindowConfig)
     filter: FilterConfig = Field(default_factory=FilterConfig)
     scale: ScaleConfig = Field(default_factory=ScaleConfig)
+    likeness: LikenessConfig | None = None
+    """None leaves the size to the scale search; with it, `scale.steps` is 1."""
     update: UpdateConfig = Field(default_factory=UpdateConfig)
     score: ScoreConfig = UNFITTED
     colour: ColourConfig | None = None
@@ -251,6 +272,12 @@ class Config:
     """None keeps one look a frame around the last box, whether or not the target is there."""
     policy: PolicyConfig | None = None
     """None leaves the box to the response's peak and the scale search: the filter alone."""
+
+    @model_validator(mode="after")
+    def _one_size(self) -> "Config":
+        if self.likeness and self.scale.steps != 1:
+            raise ValueError("the size comes from one look or from a search: set scale.steps to 1")
+        return self
 
 
 def parse(kind: type[T], values: dict[str, Any], source: str) -> T:

@@ -17,7 +17,7 @@ from entrack import box as boxes_
 from entrack import filter as cf
 from entrack.box import Boxes
 from entrack.config import RecoveryConfig, ScoreConfig
-from entrack.state import GROWN, sample_grid
+from entrack.state import GROWN, sample_box
 from entrack.window import Window
 
 HERE, ELSEWHERE = 1.5, 2.5
@@ -71,7 +71,8 @@ class Origin:
         n = features.shape[-1]
         taper = cf.hann(n, n * ORIGIN * math.sqrt(box[2] * box[3] / (window.w * window.h)))
         mean = features.mean(axis=(1, 2), keepdims=True)
-        return cls(taper, fit(features * taper), _points(features, box, window) - mean, mean)
+        points = sample_box(features, box, window, POINTS) - mean
+        return cls(taper, fit(features * taper), points, mean)
 
     def evidence(
         self, response: cf.Features, features: cf.Features, box: Boxes, window: Window
@@ -84,7 +85,7 @@ class Origin:
         apart = np.maximum(*np.abs(_away(n, boxes_.centre(window.to_patch(box)) * n / window.size)))
         first = float(response[apart <= HERE].max())
         rival = float(response[apart > ELSEWHERE].max()) / max(first, FAINT)
-        seen = _points(features, box, window) - self.mean
+        seen = sample_box(features, box, window, POINTS) - self.mean
         length = float(np.linalg.norm(seen) * np.linalg.norm(self.points))
         same = float((seen * self.points).sum()) / max(length, 1e-9)
         unseen = 1 - min(max(first / NOTHING, 0.0), 1.0)
@@ -133,11 +134,6 @@ def _away(n: int, place: NDArray[np.float64]) -> NDArray[np.float64]:
     """How far each cell of a response, which wraps around, is from a place (2,): (2, n, n)."""
     x, y = (np.arange(n) - place[:, None] + n / 2) % n - n / 2
     return np.stack(np.broadcast_arrays(x, y[:, None]))
-
-
-def _points(features: cf.Features, box: Boxes, window: Window) -> cf.Features:
-    roi = (window.to_patch(box) / window.size).astype(np.float32)
-    return sample_grid(features, roi, points=POINTS, grown=1.0)
 
 
 def likeliest(responses: cf.Features, windows: list[Window], size: Boxes) -> Boxes:

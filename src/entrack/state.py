@@ -117,10 +117,15 @@ def sample_grid(features: Array, roi: Array, points: int = GRID, grown: float = 
     return cast(Array, rows @ features @ columns.T)
 
 
+def sample_box(features: Array, box: ArrayLike, window: Window, points: int) -> Array:
+    """Features (C, points, points) of a window at places spread over `box`."""
+    roi = (window.to_patch(box) / window.size).astype(np.float32)
+    return sample_grid(features, roi, points, grown=1)
+
+
 def shifted(features: Array, seen: Window, wanted: Window) -> Array:
     """Features (C, n, n) of the window `seen`, resampled to what `wanted` would have shown."""
-    roi = (seen.to_patch(wanted.box) / seen.size).astype(np.float32)
-    return sample_grid(features, roi, features.shape[-1], grown=1)
+    return sample_box(features, wanted.box, seen, features.shape[-1])
 
 
 def _interpolate(places: NDArray[np.float64], n: int) -> Array:

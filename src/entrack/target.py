@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from entrack import filter as cf
 from entrack.box import Boxes
 from entrack.colour import Colours
+from entrack.likeness import Likeness
 from entrack.recovery import Origin, Search
 from entrack.state import State
 from entrack.window import Image, Window
@@ -78,6 +79,8 @@ class Target:
     search: Search
     colours: Colours | None = None
     """None where the configuration leaves them to the trunk."""
+    likeness: Likeness | None = None
+    """None where the size is searched."""
     known: object = None
     """What the policy's f1 remembers of the first frame."""
     looks: list[Look] = field(default_factory=list[Look])

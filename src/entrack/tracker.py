@@ -19,6 +19,7 @@ from entrack.box import Boxes
 from entrack.colour import Colours, Seen
 from entrack.config import Config
 from entrack.errors import EntrackError
+from entrack.likeness import Likeness
 from entrack.policy import Policy
 from entrack.recovery import Origin, Search, likeliest
 from entrack.state import State, held, shifted
@@ -108,6 +109,8 @@ class Tracker:
         if self.config.colour:
             roi = window.to_patch(box) / window.size
             target.colours = Colours.of(patch, roi, self.config.colour)
+        if self.config.likeness:
+            target.likeness = Likeness.of(x, box, window, self.config.likeness)
         return target
 
     def add(self, box: ArrayLike, image: Any = None) -> int:
@@ -273,8 +276,8 @@ class Tracker:
         peak = cf.peak(response, target.search.likely(target.box, window, response.shape[-1]))
         cell = window.box[2:] / response.shape[-1]
         centre = boxes_.centre(target.box) + np.array([peak.dx, peak.dy]) * cell
-        size = target.box[2:] * self._grown(target)
-        box = boxes_.from_centre(centre, size)
+        centre, grown = self._fitted(target, centre)
+        box = boxes_.from_centre(centre, target.box[2:] * grown)
         return Answer(box, self._evidence(target, peak, box))
 
     def _follow_policy(self, target: Target) -> Answer:
@@ -290,21 +293,30 @@ class Tracker:
         return Answer(box, evidence, gaussian.sigma * sides, gaussian.entropy)
 
     def _acted(self, target: Target, action: ArrayLike) -> Boxes:
-        """d_t = d_{t−1} + a_t (eq. 7), its size tempered by the scale search if so configured."""
+        """d_t = d_{t−1} + a_t (eq. 7), tempered by likeness and scale search if so configured."""
         box, config = moved(target.box, action), self.config.policy
-        if config is None or not (config.search or config.keep_aspect):
+        if not config or not (config.search or config.keep_aspect or target.likeness):
             return box
         growth = np.log(np.maximum(box[2:], 1e-3) / target.box[2:])
         if config.keep_aspect:
             growth = np.full(2, growth.mean())
-        growth = (1 - config.search) * growth + config.search * np.log(self._grown(target))
-        return boxes_.from_centre(boxes_.centre(box), target.box[2:] * np.exp(growth))
+        centre, grown = self._fitted(target, boxes_.centre(box))
+        growth = (1 - config.search) * growth + config.search * np.log(grown)
+        return boxes_.from_centre(centre, target.box[2:] * np.exp(growth))
 
     def _best(self, target: Target) -> Look:
         """The size that answers most of those that were looked at, after the penalties."""
         half = len(target.looks) // 2
         penalties = self.config.scale.penalty ** np.abs(np.arange(-half, half + 1))
         return target.looks[int((_heights(target) * penalties).argmax())]
+
+    def _fitted(self, target: Target, centre: Boxes) -> tuple[Boxes, float]:
+        """The centre set right, and by what factor the size changes."""
+        if not (target.likeness and target.look):
+            return centre, self._grown(target)
+        box = boxes_.from_centre(centre, target.box[2:])
+        window = windows.around(target.box, self.config.window)
+        return target.likeness.fit(target.look.features, box, window)
 
     def _grown(self, target: Target) -> float:
         """By what factor the size changes, as far as the scale search says."""
@@ -340,33 +352,34 @@ class Tracker:
         seen = answer.evidence
         search.follow(step, side, seen.get("rival", 1.0), seen.get("same", 1.0))
         evidence = seen | search.past.evidence
-        colours = self._colours(target, searched)
+        assert self._frame is not None and target.look is not None
+        learn, window = self.config.update, self.config.window
+        wide = windows.around(searched, window, target.look.zoom)
+        colours = self._colours(target, wide)
         if target.colours and colours:
             evidence["colour"] = target.colours.change(colours)
         score = config.chance(evidence) if sound else 0.0
-        assert self._frame is not None and target.look is not None
-        target.look = replace(target.look, evidence=evidence)
+        look = target.look = replace(target.look, evidence=evidence)
         search.decide(score, target.box, config)
-        learn, window = self.config.update, self.config.window
-        due = learn.rate > 0 and target.waited + 1 >= learn.every and score >= learn.min_score
-        due = due and not search.active
-        if target.colours and colours and score >= learn.min_score and not search.active:
+        learns = score >= learn.min_score and not search.active
+        if learns and target.colours and colours:
             target.colours = target.colours.learn(colours)
+        if learns and target.likeness:
+            target.likeness = target.likeness.learn(look.features, target.box, wide)
+        due = learns and learn.rate > 0 and target.waited + 1 >= learn.every
         target.waited, target.unlearned = 0 if due else target.waited + 1, None
         target.turn = (target.turn - 1) % self.config.scale.every
         if due and learn.seen == "again":
             target.unlearned = self._patch(self._frame, target.box)
         elif due:
-            wide = windows.around(searched, window, target.look.zoom)
-            x = shifted(target.look.features, wide, windows.around(target.box, window))
+            x = shifted(look.features, wide, windows.around(target.box, window))
             self._learn(target, x * self._taper)
         return score
 
-    def _colours(self, target: Target, searched: Boxes) -> Seen | None:
-        """The colours in the new box, as far as it was in the window around the last one."""
+    def _colours(self, target: Target, window: windows.Window) -> Seen | None:
+        """The colours in the new box, as far as it was in the window that was looked at."""
         if target.colours is None or target.look is None:
             return None
-        window = windows.around(searched, self.config.window, target.look.zoom)
         roi = window.to_patch(target.box) / window.size
         return Seen.of(target.look.patch, roi, target.colours.config.bins)
 

@@ -19,6 +19,7 @@ from entrack.files import unfinished, write_bytes
 from entrack.interop.step import Step
 from entrack.model import Model, assets
 from entrack.policy import load_policy
+from entrack.state import GRID
 from entrack.tracker import PLACES
 from entrack.trunk import for_onnxruntime
 from entrack.trunks.dequantise import dequantise
@@ -66,7 +67,7 @@ def export_model(model: Model, out: Path, precision: str = "model") -> list[Path
     text = card.format(
         name=model.name, size=config.window.size, n=step.n, c=channels, k=config.scale.steps,
         memory="".join(_MEMORY[name] for name in step.remembered if name in _MEMORY).format(
-            k=config.scale.steps, size=config.window.size), sigma=_SIGMA if policy else "", places=PLACES,
+            k=config.scale.steps, size=config.window.size, c=channels), sigma=_SIGMA if policy else "", places=PLACES,
         without=_WITHOUT if config.recovery else "",
     )  # fmt: skip
     write_bytes(out / "README.md", text.encode())
@@ -89,6 +90,7 @@ def _write_step(step: Step, c: int, path: Path) -> None:
         "features": (1 + k, c, n, n), "box": (4,), "image": (2,), "first_size": (2,),
         "template": (c, n, n), "score": (), "first": (c, n, n), "roi": (4,), "past": (6,),
         "turn": (), "patches": (1 + k, 3, side, side), "colours": (3, colour.bins**3 if colour else 1),
+        "inside": (c, GRID, GRID),
     }  # fmt: skip
     outputs = ["box_out"] + (["sigma"] if step.policy else [])
     outputs += [f"{m}_out" for m in step.remembered]
@@ -113,6 +115,8 @@ _MEMORY = {
     "colours": "| `patches` | | float32 ({k} + 1, 3, {size}, {size}): what the trunk saw for `features` |\n"
     "| `colours` | `colours_out` | float32 (3, bins³): shares of the target's colours in the first frame, "
     "and running means of them and of those around it |\n",
+    "inside": "| `inside` | `inside_out` | float32 ({c}, 8, 8): a running mean of what the features in the box "
+    "have beyond the mean of the first frame's window |\n",
 }
 _SIGMA = """
 `sigma`, float32 (4,): standard deviation of the left, top, right and bottom side, in units of the last box's size.

@@ -6,6 +6,7 @@ whole sequences. Transforms of 18 × 18 maps are matrix products, so the graph h
 """
 # pyright: basic
 
+import math
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from entrack import filter as cf
 from entrack.colour import DOUBT, INNER, OUTER, RARE, STRIDE
 from entrack.colour import LEAST as UNCHANGED
 from entrack.config import Config
+from entrack.likeness import FURTHEST
 from entrack.policy import LOG_STD, OUTWARDS, Policy
 from entrack.recovery import (
     ALIKE,
@@ -79,12 +81,13 @@ class Step(nn.Module):
             self.register_buffer(name, torch.from_numpy(np.array(array, np.float32)))
         self.compares = config.score.compares
         self.remembers = policy is not None and isinstance(policy.f1, Conditioned)
-        self.keeps_first = self.remembers or self.compares
+        self.keeps_first = self.remembers or self.compares or config.likeness is not None
         self.remembered = ["first_size", "template", "score"]
         self.remembered += ["first", "roi"] if self.keeps_first else []
         self.remembered += ["past"] if config.score.recalls else []
         self.remembered += ["turn"] if config.scale.every > 1 else []
         self.remembered += ["colours"] if config.colour else []
+        self.remembered += ["inside"] if config.likeness else []
         self.middle = half
         weights = {} if policy is None else _weights(policy, n)
         self.w = {name: torch.from_numpy(np.array(w, np.float32)) for name, w in weights.items()}
@@ -92,7 +95,7 @@ class Step(nn.Module):
     def forward(
         self, features: Tensor, box: Tensor, image: Tensor, first_size: Tensor, template: Tensor,
         score: Tensor, first: Tensor, roi: Tensor, past: Tensor, turn: Tensor, patches: Tensor,
-        colours: Tensor,
+        colours: Tensor, inside: Tensor,
     ) -> tuple[Tensor, ...]:  # fmt: skip
         """See the card that `export_model` writes."""
         config, new = self.config, (first_size[0] == 0).float()
@@ -112,10 +115,12 @@ class Step(nn.Module):
         template = (1 - rate) * template + rate * (features[0] * self.taper)  # eq. 14
         held = torch.cat([share, (size / first_size).log().float()])
         if config.colour:
-            inside, around = self.seen(self.codes(patches[0]), roi)
-            colours = colours + new * torch.stack([inside, inside, around])
+            own, others = self.seen(self.codes(patches[0]), roi)
+            colours = colours + new * torch.stack([own, own, others])
+        if config.likeness:
+            inside = inside + new * self.beyond(first, first, roi)
         move, seen, used, *sigma = self.answer(
-            template, features[1:], held, first, roi, turn, patches[1:], colours
+            template, features[1:], held, first, roi, turn, patches[1:], colours, inside
         )
         before, last = box[:2] + size / 2, size.prod().sqrt()
         centre = before + move[:2].double() * window
@@ -129,17 +134,22 @@ class Step(nn.Module):
         leap, fall = (LEAST + past[2:4]).log()
         seen |= {"leap": leap, "fall": fall, "unrest": past[5].clamp_max(UNREST)}
         wide = window * self.zooms[used].double()
-        inside = around = torch.zeros(())
+        place = torch.cat([(box[:2] - before) / wide + 0.5, size / wide]).float()
+        own = others = torch.zeros(())
         if config.colour:
-            place = torch.cat([(box[:2] - before) / wide + 0.5, size / wide]).float()
-            inside, around = self.seen(self.codes(patches[1:][used][0]), place)
-            alike = (colours[0] * inside).sqrt().sum()
+            own, others = self.seen(self.codes(patches[1:][used][0]), place)
+            alike = (colours[0] * own).sqrt().sum()
             seen["colour"] = (UNCHANGED + (1 - alike).clamp_min(0)).log()
         score = torch.sigmoid(self.total(seen))
+        learns = (score >= config.update.min_score).float()
         if config.colour:
-            rate = config.colour.rate * (score >= config.update.min_score).float()
-            mean = (1 - rate) * colours[1:] + rate * torch.stack([inside, around])
+            rate = config.colour.rate * learns
+            mean = (1 - rate) * colours[1:] + rate * torch.stack([own, others])
             colours = torch.cat([colours[:1], mean])
+        if config.likeness:
+            rate = config.likeness.rate * learns
+            z = features[1:][used][0]
+            inside = (1 - rate) * inside + rate * self.beyond(z, first, place)
         if not again:
             side = size.prod().sqrt().expand(2) if config.window.shape == "square" else size
             side = side * config.window.context
@@ -151,6 +161,7 @@ class Step(nn.Module):
             "first_size": first_size.float(), "template": template, "score": score,
             "first": first, "roi": roi, "past": past,
             "turn": torch.where(turn > 0, turn - 1, config.scale.every - 1.0), "colours": colours,
+            "inside": inside,
         }  # fmt: skip
         return box.float(), *sigma, *(memory[name] for name in self.remembered)
 
@@ -161,7 +172,7 @@ class Step(nn.Module):
 
     def answer(
         self, template: Tensor, features: Tensor, held: Tensor, first: Tensor, roi: Tensor,
-        turn: Tensor, patches: Tensor, colours: Tensor,
+        turn: Tensor, patches: Tensor, colours: Tensor, inside: Tensor,
     ) -> tuple[Any, ...]:  # fmt: skip
         """What is found in this frame's features.
 
@@ -180,6 +191,8 @@ class Step(nn.Module):
             response = self.weigh(responses[best][0], patches[best][0], held[:2] / zoom, colours)
             dx, dy, height, psr = self.peak(response)
             offset = torch.stack([dx, dy]) * zoom / self.n
+            if self.config.likeness:
+                offset, growth = self.fit(features[0], held, first, offset, inside)
             size = torch.cat([growth, growth])
             evidence = {"peak": height, "psr": psr.clamp_min(1e-3).log()}
             evidence |= self.compared(features[best][0], first, roi, held, zoom, offset, size)
@@ -193,13 +206,16 @@ class Step(nn.Module):
         sigma = log_std.exp() * reach * (1 - torch.tanh(mean) ** 2)
         low, high = action[:2] - 0.5, action[2:] + 0.5  # eq. 7, in box sizes from its centre
         low, high = torch.minimum(low, high), torch.maximum(low, high)
-        offset, size = (low + high) / 2 * held[:2], self.temper(high - low, growth)
+        offset = (low + high) / 2 * held[:2]
+        if self.config.likeness:
+            offset, growth = self.fit(features[middle], held, first, offset, inside)
+        size = self.temper(high - low, growth)
         evidence = {"peak": height, "psr": psr.clamp_min(1e-3).log(), "sigma": sigma.log().mean()}
         evidence |= self.compared(features[middle], first, roi, held, 1.0, offset, size)
         return torch.cat([offset, size]), evidence, torch.tensor([middle]), sigma
 
     def temper(self, size: Tensor, searched: Tensor) -> Tensor:
-        """`Tracker._acted`: how much of the change of size is the scale search's."""
+        """`Tracker._acted`: how much of the change of size is not the action's."""
         assert self.policy is not None
         config = self.policy.config
         if not (config.search or config.keep_aspect):
@@ -208,6 +224,32 @@ class Step(nn.Module):
         if config.keep_aspect:
             growth = growth.mean(0, keepdim=True).expand(2)
         return torch.exp((1 - config.search) * growth + config.search * searched.log())
+
+    def beyond(self, z: Tensor, first: Tensor, roi: Tensor) -> Tensor:
+        """What the points of a box have beyond the first window's mean: (C, 8, 8)."""
+        return self.sample_grid(z, roi, GRID, 1.0) - first.mean((1, 2), keepdim=True)
+
+    def fit(
+        self, z: Tensor, held: Tensor, first: Tensor, offset: Tensor, inside: Tensor
+    ) -> tuple[Tensor, Tensor]:
+        """`likeness.Likeness.fit`: how far the box has moved (2,), and its growth (1,)."""
+        config, size = self.config.likeness, held[:2]
+        assert config
+
+        def alike(x: float, y: float, factor: float) -> Tensor:
+            shares = size * factor
+            corner = 0.5 + offset + size * torch.tensor([x, y]) - shares / 2
+            seen = self.beyond(z, first, torch.cat([corner, shares]))
+            return (seen * inside).sum() / (seen.norm() * inside.norm()).clamp_min(1e-9)
+
+        if config.pull:
+            s = config.step
+            slope = [alike(s, 0, 1) - alike(-s, 0, 1), alike(0, s, 1) - alike(0, -s, 1)]
+            pull = (config.pull * torch.stack(slope)).clamp(-FURTHEST, FURTHEST)
+            offset = offset + size * pull
+        grown = config.gain * (alike(0, 0, config.span) - alike(0, 0, 1 / config.span))
+        most = math.log(config.span)
+        return offset, (grown + config.bias).clamp(-most, most).exp()[None]
 
     def total(self, evidence: dict[str, Tensor]) -> Tensor:
         """`Weights.total`."""

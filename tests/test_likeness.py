@@ -1,0 +1,101 @@
+"""Place and size from one look: boxes that are more like the target than the answer."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from entrack.config import Config, LikenessConfig, ScaleConfig, parse
+from entrack.errors import EntrackError
+from entrack.likeness import FURTHEST, Likeness
+from entrack.tracker import Tracker
+from entrack.window import Window, WindowConfig, around
+from test_tracker import Averages
+
+N, C = 18, 24
+BOX = np.array([100.0, 80.0, 40.0, 60.0])
+RNG = np.random.default_rng(0)
+WAVES = RNG.normal(size=(C, 2)), RNG.uniform(0, 2 * np.pi, C)
+PLAIN = LikenessConfig(bias=0)
+
+
+def scene(window: Window, centre=(120.0, 110.0), zoom: float = 1.0):
+    """Features (C, n, n) of a window on smooth waves, which lie `zoom` times as wide."""
+    along = (np.arange(N) + 0.5) / N - 0.5
+    x, y = window.x + along * window.w, window.y + along * window.h
+    (a, b), phase = WAVES[0].T / (12 * zoom), WAVES[1]
+    turned = a[:, None, None] * (x - centre[0]) + b[:, None, None] * (y - centre[1])[:, None]
+    return np.cos(turned + phase[:, None, None]).astype(np.float32)
+
+
+def started(config: LikenessConfig = PLAIN) -> tuple[Likeness, Window]:
+    window = around(BOX, WindowConfig())
+    return Likeness.of(scene(window), BOX, window, config), window
+
+
+def test_what_has_not_changed_keeps_place_and_size():
+    likeness, window = started()
+    centre, growth = likeness.fit(scene(window), BOX, window)
+    np.testing.assert_allclose(centre, [120, 110], atol=0.3)
+    assert growth == pytest.approx(1, abs=0.01)
+
+
+@pytest.mark.parametrize("zoom", [0.9, 0.95, 1.05, 1.1])
+def test_the_size_goes_where_the_target_goes(zoom: float):
+    likeness, window = started()
+    _, growth = likeness.fit(scene(window, zoom=zoom), BOX, window)
+    assert 0.2 < np.log(growth) / np.log(zoom) < 3
+
+
+@pytest.mark.parametrize("off", [(3, 0), (-3, 0), (0, 3), (2, -2)])
+def test_the_centre_goes_where_the_target_is(off):
+    likeness, window = started()
+    centre, _ = likeness.fit(scene(window, centre=BOX[:2] + BOX[2:] / 2 + off), BOX, window)
+    before, after = np.hypot(*off), np.hypot(*(centre - [120, 110] - off))
+    assert after < before
+
+
+def test_no_frame_moves_or_grows_the_box_without_limit():
+    likeness, window = started(replace(PLAIN, gain=1e6, pull=1e6))
+    centre, growth = likeness.fit(scene(window, centre=(123, 108), zoom=1.1), BOX, window)
+    assert growth == pytest.approx(PLAIN.span)
+    assert np.all(np.abs(centre - [120, 110]) <= FURTHEST * BOX[2:] + 1e-9)
+
+
+def test_a_pull_of_nothing_leaves_the_centre():
+    likeness, window = started(replace(PLAIN, pull=0))
+    centre, _ = likeness.fit(scene(window, centre=(125, 110)), BOX, window)
+    assert centre.tolist() == [120, 110]
+
+
+def test_blank_pictures_and_boxes_that_are_none_change_nothing():
+    likeness, window = started()
+    nothing = np.zeros((C, N, N), np.float32)
+    blank = Likeness.of(nothing, BOX, window, PLAIN)
+    assert blank.fit(nothing, BOX, window)[1] == 1
+    assert likeness.fit(scene(window), BOX * np.nan, window)[1] == 1
+
+
+def test_it_learns_what_the_box_looks_like_by_and_by():
+    likeness, window = started(replace(PLAIN, rate=0.5))
+    larger = scene(window, zoom=1.1)
+    for _ in range(12):
+        likeness = likeness.learn(larger, BOX, window)
+    _, growth = likeness.fit(larger, BOX, window)
+    assert growth == pytest.approx(1, abs=0.01)
+
+
+def test_a_search_over_sizes_and_likeness_exclude_each_other():
+    with pytest.raises(EntrackError, match=r"mine: .*set scale.steps to 1"):
+        parse(Config, {"likeness": {}}, "mine")
+    assert parse(Config, {"likeness": {}, "scale": {"steps": 1}}, "mine").likeness
+
+
+def test_a_filter_without_a_policy_can_use_it_too():
+    config = Config(scale=ScaleConfig(steps=1), likeness=LikenessConfig())
+    tracker = Tracker(config, Averages())
+    frame = RNG.integers(0, 255, (240, 320, 3), dtype=np.uint8)
+    tracker.init(frame, BOX)
+    for _ in range(3):
+        box = tracker.update(frame).box
+    np.testing.assert_allclose(box, BOX, atol=12)
