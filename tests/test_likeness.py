@@ -55,15 +55,22 @@ def test_the_centre_goes_where_the_target_is(off):
     assert after < before
 
 
+@pytest.mark.parametrize("off", [(1, 0), (-1.5, 0), (0, 2), (1, -2)])
+def test_the_first_look_says_the_whole_of_a_small_move(off):
+    likeness, window = started(replace(PLAIN, pull=0, share=1))
+    centre, _ = likeness.fit(scene(window, centre=BOX[:2] + BOX[2:] / 2 + off), BOX, window)
+    np.testing.assert_allclose(centre - [120, 110], off, atol=0.4)
+
+
 def test_no_frame_moves_or_grows_the_box_without_limit():
-    likeness, window = started(replace(PLAIN, gain=1e6, pull=1e6))
+    likeness, window = started(replace(PLAIN, gain=1e6, pull=1e6, share=1))
     centre, growth = likeness.fit(scene(window, centre=(123, 108), zoom=1.1), BOX, window)
     assert growth == pytest.approx(PLAIN.span)
     assert np.all(np.abs(centre - [120, 110]) <= FURTHEST * BOX[2:] + 1e-9)
 
 
 def test_a_pull_of_nothing_leaves_the_centre():
-    likeness, window = started(replace(PLAIN, pull=0))
+    likeness, window = started(replace(PLAIN, pull=0, share=0))
     centre, _ = likeness.fit(scene(window, centre=(125, 110)), BOX, window)
     assert centre.tolist() == [120, 110]
 

@@ -3,7 +3,18 @@
 import numpy as np
 import pytest
 
-from entrack.state import Conditioned, Linear, State, _convolve, f2, held, sample_grid
+from entrack.state import (
+    Conditioned,
+    Linear,
+    State,
+    _convolve,
+    f2,
+    held,
+    sample_box,
+    sample_boxes,
+    sample_grid,
+)
+from entrack.window import Window
 
 RNG = np.random.default_rng(0)
 
@@ -67,6 +78,16 @@ def test_grid_samples_the_box_and_a_ring_around_it():
     y = 0.475 + ((np.arange(8) + 0.5) / 8 - 0.5) * 0.15 * 8 / 6
     np.testing.assert_allclose(points[0], np.tile(x, (8, 1)), atol=1e-5)
     np.testing.assert_allclose(points[1], np.tile(y[:, None], (1, 8)), atol=1e-5)
+
+
+def test_boxes_are_sampled_as_one_is_inside_the_window_and_beyond_its_edge():
+    features = np.random.default_rng(0).normal(size=(5, 18, 18)).astype(np.float32)
+    window = Window(10, 20, 180, 180, 288)
+    boxes = np.array([[70, 80, 60, 60], [0, 150, 33.3, 90], [185, 30, 20, 7]])
+    seen = sample_boxes(features, boxes, window, 6)
+    for one, box in zip(seen, boxes, strict=True):
+        alone = sample_box(features, box, window, 6)
+        np.testing.assert_allclose(one.T.reshape(5, 6, 6), alone, atol=1e-5)
 
 
 def test_held_says_shape_and_growth():

@@ -52,7 +52,8 @@ def from_centre(centres: ArrayLike, sizes: ArrayLike) -> Boxes:
     array([10., 20., 30., 40.])
     """
     c, s = np.asarray(centres, np.float64), np.asarray(sizes, np.float64)
-    return np.concatenate([c - s / 2, np.broadcast_to(s, c.shape)], axis=-1)
+    low = c - s / 2
+    return np.concatenate([low, np.broadcast_to(s, low.shape)], axis=-1)
 
 
 def area(boxes: ArrayLike) -> Boxes:

@@ -74,9 +74,12 @@ class LikenessConfig:
     bias: float = Field(default=0.04, ge=-0.5, le=0.5)
     """… and where there is no difference: a larger box has more in it that the target has not."""
     step: float = Field(default=0.08, gt=0, le=0.5)
-    """A box so many sizes further on is compared with one so many sizes back, on each axis."""
-    pull: float = Field(default=0.3, ge=0)
-    """Sizes by which the centre is moved, for a difference of 1; 0 leaves it where it is."""
+    """A box so many sizes further on is compared with one so many sizes back, on each axis; the
+    first box is moved and grown as much, to see how its features change."""
+    pull: float = Field(default=0.15, ge=0)
+    """Sizes by which the centre is moved, for a difference of 1 between these cosines …"""
+    share: float = Field(default=0.5, ge=0, le=1)
+    """… and share of the move that explains, by those changes, what is seen."""
     rate: float = Field(default=0.01, ge=0, le=1)
     """How fast it is learned anew what the inside of the box looks like."""
 

@@ -34,7 +34,7 @@ RESTLESS = 0.1
 UNREST = 0.2
 """… which does not count above this, in sizes."""
 ALIKE = 0.6
-"""Likeness from which on a second frame is no fall; see docs/uncertainty.md."""
+"""Likeness from which on a second frame is no fall; see docs/score-and-search.md."""
 NOTHING = 0.2
 """A height of the first look's response below which it is doubted that anything like it is seen."""
 FAINT = 0.02

@@ -123,6 +123,23 @@ def sample_box(features: Array, box: ArrayLike, window: Window, points: int) -> 
     return sample_grid(features, roi, points, grown=1)
 
 
+def sample_boxes(features: Array, boxes: ArrayLike, window: Window, points: int) -> Array:
+    """The same of several boxes (k, 4), channels last: (k, points · points, C)."""
+    n = features.shape[-1]
+    cells = np.ascontiguousarray(features.reshape(-1, n * n).T)  # a place is one run of numbers
+    x, y, w, h = (window.to_patch(boxes) * (n / window.size)).T[..., None]
+    along = (np.arange(points) + 0.5) / points
+    places = np.stack(np.broadcast_arrays((y + h * along)[:, :, None], (x + w * along)[:, None]))
+    places = np.clip(places.reshape(2, -1) - 0.5, 0, n - 1)
+    low = np.minimum(places.astype(int), n - 2)
+    down, right = (places - low).astype(np.float32)[..., None]
+    first = low[0] * n + low[1]
+    above = (1 - right) * cells[first] + right * cells[first + 1]
+    below = (1 - right) * cells[first + n] + right * cells[first + n + 1]
+    seen = (1 - down) * above + down * below
+    return cast(Array, seen.reshape(-1, points * points, len(features)))
+
+
 def shifted(features: Array, seen: Window, wanted: Window) -> Array:
     """Features (C, n, n) of the window `seen`, resampled to what `wanted` would have shown."""
     return sample_box(features, wanted.box, seen, features.shape[-1])

@@ -18,7 +18,8 @@ from entrack import filter as cf
 from entrack.colour import DOUBT, INNER, OUTER, RARE, STRIDE
 from entrack.colour import LEAST as UNCHANGED
 from entrack.config import Config
-from entrack.likeness import FURTHEST
+from entrack.likeness import FURTHEST, WIDER
+from entrack.likeness import POINTS as POINTS_AROUND
 from entrack.policy import LOG_STD, OUTWARDS, Policy
 from entrack.recovery import (
     ALIKE,
@@ -192,7 +193,7 @@ class Step(nn.Module):
             dx, dy, height, psr = self.peak(response)
             offset = torch.stack([dx, dy]) * zoom / self.n
             if self.config.likeness:
-                offset, growth = self.fit(features[0], held, first, offset, inside)
+                offset, growth = self.fit(features[0], held, first, roi, offset, inside)
             size = torch.cat([growth, growth])
             evidence = {"peak": height, "psr": psr.clamp_min(1e-3).log()}
             evidence |= self.compared(features[best][0], first, roi, held, zoom, offset, size)
@@ -208,7 +209,7 @@ class Step(nn.Module):
         low, high = torch.minimum(low, high), torch.maximum(low, high)
         offset = (low + high) / 2 * held[:2]
         if self.config.likeness:
-            offset, growth = self.fit(features[middle], held, first, offset, inside)
+            offset, growth = self.fit(features[middle], held, first, roi, offset, inside)
         size = self.temper(high - low, growth)
         evidence = {"peak": height, "psr": psr.clamp_min(1e-3).log(), "sigma": sigma.log().mean()}
         evidence |= self.compared(features[middle], first, roi, held, 1.0, offset, size)
@@ -225,28 +226,37 @@ class Step(nn.Module):
             growth = growth.mean(0, keepdim=True).expand(2)
         return torch.exp((1 - config.search) * growth + config.search * searched.log())
 
-    def beyond(self, z: Tensor, first: Tensor, roi: Tensor) -> Tensor:
-        """What the points of a box have beyond the first window's mean: (C, 8, 8)."""
-        return self.sample_grid(z, roi, GRID, 1.0) - first.mean((1, 2), keepdim=True)
+    def beyond(self, z: Tensor, first: Tensor, roi: Tensor, points: int = GRID) -> Tensor:
+        """What the points of a box have beyond the first window's mean: (C, points, points)."""
+        return self.sample_grid(z, roi, points, 1.0) - first.mean((1, 2), keepdim=True)
 
     def fit(
-        self, z: Tensor, held: Tensor, first: Tensor, offset: Tensor, inside: Tensor
+        self, z: Tensor, held: Tensor, first: Tensor, roi: Tensor, offset: Tensor, inside: Tensor
     ) -> tuple[Tensor, Tensor]:
         """`likeness.Likeness.fit`: how far the box has moved (2,), and its growth (1,)."""
         config, size = self.config.likeness, held[:2]
         assert config
 
+        def points(z: Tensor, centre: Tensor, size: Tensor) -> Tensor:
+            shares = WIDER * size
+            corner = centre - shares / 2
+            return self.beyond(z, first, torch.cat([corner, shares]), POINTS_AROUND).flatten()
+
         def alike(x: float, y: float, factor: float) -> Tensor:
-            shares = size * factor
-            corner = 0.5 + offset + size * torch.tensor([x, y]) - shares / 2
-            seen = self.beyond(z, first, torch.cat([corner, shares]))
+            corner = 0.5 + offset + size * torch.tensor([x, y]) - size * factor / 2
+            seen = self.beyond(z, first, torch.cat([corner, size * factor]))
             return (seen * inside).sum() / (seen.norm() * inside.norm()).clamp_min(1e-9)
 
-        if config.pull:
-            s = config.step
-            slope = [alike(s, 0, 1) - alike(-s, 0, 1), alike(0, s, 1) - alike(0, -s, 1)]
-            pull = (config.pull * torch.stack(slope)).clamp(-FURTHEST, FURTHEST)
-            offset = offset + size * pull
+        s = config.step
+        slope = torch.stack([alike(s, 0, 1) - alike(-s, 0, 1), alike(0, s, 1) - alike(0, -s, 1)])
+        centre, sides = roi[:2] + roi[2:] / 2, roi[2:]
+        moved = torch.cat([torch.eye(4), -torch.eye(4), torch.zeros(1, 4)]) * s
+        near = [points(first, centre + m[:2] * sides, sides * m[2:].exp()) for m in moved]
+        change = (torch.stack(near[:4]) - torch.stack(near[4:8])) / (2 * s)
+        seen = points(z, 0.5 + offset, size) - near[8]
+        off = solve(change @ change.T, change @ seen)[:2]
+        move = config.pull * slope - config.share * off
+        offset = offset + size * move.clamp(-FURTHEST, FURTHEST)
         grown = config.gain * (alike(0, 0, config.span) - alike(0, 0, 1 / config.span))
         most = math.log(config.span)
         return offset, (grown + config.bias).clamp(-most, most).exp()[None]
@@ -470,6 +480,16 @@ class Step(nn.Module):
             (1 - (p.clamp(0, self.n - 1)[:, None] - cells).abs()).clamp_min(0) for p in (x, y)
         ]
         return rows @ features @ columns.T
+
+
+def solve(a: Tensor, b: Tensor) -> Tensor:
+    """The x (n,) for which a x = b, with a (n, n) positive: ONNX has no operator for it."""
+    rows = torch.cat([a, b[:, None]], 1)
+    for k in range(len(a)):
+        row = rows[k] / rows[k, k].clamp_min(1e-9)
+        rest = rows - rows[:, k, None] * row
+        rows = torch.cat([rest[:k], row[None], rest[k + 1 :]])
+    return rows[:, -1]
 
 
 def _weights(policy: Policy, n: int) -> dict[str, np.ndarray]:
