@@ -83,6 +83,12 @@ def test_blank_pictures_and_boxes_that_are_none_change_nothing():
     assert likeness.fit(scene(window), BOX * np.nan, window)[1] == 1
 
 
+def test_a_network_that_overflows_is_no_error():
+    likeness, window = started()
+    assert np.isnan(likeness.fit(scene(window) * np.nan, BOX, window)[0]).all()
+    Likeness.of(scene(window) * np.nan, BOX, window, PLAIN)
+
+
 def test_it_learns_what_the_box_looks_like_by_and_by():
     likeness, window = started(replace(PLAIN, rate=0.5))
     larger = scene(window, zoom=1.1)

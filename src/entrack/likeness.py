@@ -55,10 +55,14 @@ class Likeness:
         centres = boxes_.centre(box) + moved[:, :2] * box[2:]
         near = boxes_.from_centre(centres, WIDER * box[2:] * np.exp(moved[:, 2:]))
         points = sample_boxes(features, near, window, POINTS).reshape(9, -1)
+        # What the features change by for a move of one size: right, down, wider and higher. The
+        # last two are there to be told from the first, and are not asked for.
         change = (points[:4] - points[4:8]) / np.float32(2 * config.step)
+        sound = np.isfinite(change).all()  # else a network overflowed
+        moves = np.linalg.pinv(change if sound else np.zeros_like(change))[:, :2]
         first = points[8] - np.tile(around, POINTS**2)
         inside = sample_boxes(features, [box], window, GRID)[0] - around
-        return cls(config, around, first, np.linalg.pinv(change)[:, :2], inside)
+        return cls(config, around, first, moves, inside)
 
     def fit(self, features: Features, box: Boxes, window: Window) -> tuple[Boxes, float]:
         """The centre (2,) that is most like the target, near `box`, and by what factor it grows."""
@@ -73,6 +77,8 @@ class Likeness:
         off = (seen.ravel() - self.first) @ self.moves
         move = config.pull * np.array([right - left, below - above]) - config.share * off
         centre = centre + size * np.clip(move, -FURTHEST, FURTHEST)
+        if not np.isfinite(centre).all():
+            return centre, 1.0
         sizes = np.outer([config.span, 1 / config.span], size)
         larger, smaller = self._alike(features, centre, sizes, window).tolist()
         most = math.log(config.span)
