@@ -45,6 +45,15 @@ def test_closing_ends_the_workers():
     assert not multiprocessing.active_children()
 
 
+def test_who_has_other_work_is_not_kept_waiting():
+    """An event whenever it is asked for, and the next unit as soon as a worker is through."""
+    pauses = [0.0, None, 0.0, None]
+    work = run_units(stub_trackers.square, [2, 3], 1, pause=lambda: pauses.pop(0) if pauses else 0)
+    kinds = [next(work).kind for _ in range(4)]
+    assert kinds == ["nothing", "progress", "nothing", "done"]
+    assert [e.value for e in work if e.kind == "done"] == [9]
+
+
 def test_workers_have_the_threads_that_were_asked_for():
     before = os.environ.get("OMP_NUM_THREADS")
     (event,) = run_units(stub_trackers.threads, [0], 1, threads=3)

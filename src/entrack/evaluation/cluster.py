@@ -15,7 +15,7 @@ from typing import Any, Protocol, Self
 import entrack
 from entrack.errors import EntrackError, require
 from entrack.evaluation.parcel import Parcel, pack
-from entrack.evaluation.pool import ATTEMPTS, Event, Work, attempt
+from entrack.evaluation.pool import ATTEMPTS, NOTHING, Event, Pause, Work, attempt, for_ever
 
 _AHEAD = 2
 """Units handed over for each place to work, so that none waits for this process."""
@@ -40,6 +40,7 @@ def run_on_cluster(
     workers: int | None = None,
     threads: int = 1,
     models: Sequence[str] = (),
+    pause: Pause = for_ever,
 ) -> Generator[Event]:
     """Run `work(payload, report)` for every payload on Ray; see `run_units`.
 
@@ -74,8 +75,10 @@ def run_on_cluster(
                 while waiting and len(running) < room:
                     unit = waiting.popleft()
                     running[task.remote(work, payloads[unit], parcels, paths, version)] = unit
-                ray.wait(list(running), num_returns=1)
+                ray.wait(list(running), num_returns=1, timeout=pause())
                 ready, _ = ray.wait(list(running), num_returns=len(running), timeout=0)
+                if not ready:
+                    yield NOTHING
                 for ref in ready:
                     unit = running.pop(ref)
                     try:

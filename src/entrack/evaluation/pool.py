@@ -35,13 +35,22 @@ class Event:
         Its index.
     kind
         "progress", "done", "failed", or "again": its worker died, and it will be tried once more.
+        "nothing": nothing has happened for as long as the caller wanted to wait; no unit then.
     value
         What the work reported, returned, or failed with (one sentence and a traceback).
     """
 
     unit: int
-    kind: Literal["progress", "done", "failed", "again"]
+    kind: Literal["progress", "done", "failed", "again", "nothing"]
     value: Any = None
+
+
+NOTHING = Event(-1, "nothing")
+Pause = Callable[[], float | None]
+
+
+def for_ever() -> None:
+    """Wait until something happens."""
 
 
 class _Worker:
@@ -84,12 +93,15 @@ def attempt(work: Work, payload: Any, report: Report) -> tuple[Literal["done", "
 
 
 def run_units(
-    work: Work, payloads: Sequence[Any], workers: int, threads: int = 1
+    work: Work, payloads: Sequence[Any], workers: int, threads: int = 1, pause: Pause = for_ever
 ) -> Generator[Event]:
     """Run `work(payload, report)` for every payload, in order, on `workers` processes.
 
     `work` is a function of a module; `report(n)` yields a progress event. Closing the iterator
     ends the workers.
+
+    Units are handed out while the caller waits for the next event. Who has work of its own asks in
+    between: `pause` says how many seconds an event is waited for, each time.
     """
     waiting, deaths = deque(range(len(payloads))), Counter[int]()
     crew: dict[Any, _Worker] = {}
@@ -99,7 +111,10 @@ def run_units(
                 worker, unit = _Worker(work, threads), waiting.popleft()
                 crew[worker.pipe] = worker
                 worker.give(unit, payloads[unit])
-            for pipe in connection.wait(list(crew)):
+            ready = connection.wait(list(crew), pause())
+            if not ready:
+                yield NOTHING
+            for pipe in ready:
                 worker = crew[pipe]
                 unit = worker.unit
                 assert unit is not None

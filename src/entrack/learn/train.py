@@ -16,7 +16,7 @@ import entrack
 from entrack.config import read
 from entrack.errors import EntrackError
 from entrack.evaluation.cluster import run_on_cluster
-from entrack.evaluation.pool import Event, run_units
+from entrack.evaluation.pool import NOTHING, Event, Pause, for_ever, run_units
 from entrack.files import copy, write_bytes
 from entrack.learn.bank import CHUNK, Chunk, load_bank, make_chunk, principal
 from entrack.learn.config import TrainConfig
@@ -93,6 +93,7 @@ class Training:
         self.failed: dict[str, str] = {}
         """Episodes and clips that could not be used, and why."""
         self._in_vain = 0
+        self._pause: float | None = None
         self._held: deque[tuple[Path, int]] = deque()
 
     def __call__(self) -> Path:
@@ -151,11 +152,13 @@ class Training:
                 lambda step, steps, values: self.report("warm start", step, steps, values),
             )  # fmt: skip
 
-    def _hand_out(self, work: Callable[..., Any], units: list[Any]) -> Generator[Event]:
+    def _hand_out(
+        self, work: Callable[..., Any], units: list[Any], pause: Pause = for_ever
+    ) -> Generator[Event]:
         """Have units done by processes of this machine, or on Ray."""
         if self.cluster is None:
-            return run_units(work, units, self.workers or 2)
-        return run_on_cluster(work, units, self.cluster, self.workers)
+            return run_units(work, units, self.workers or 2, pause=pause)
+        return run_on_cluster(work, units, self.cluster, self.workers, pause=pause)
 
     def _work(self, stage: str, work: Callable[..., Any], units: list[Any]) -> None:
         """Have workers do units; a failed one is an error here."""
@@ -186,12 +189,16 @@ class Training:
         last = self._checks(c.rounds)
         units = [unit for number in range(first, c.rounds) for unit in self._round(number)] + last
         try:
-            with closing(self._hand_out(roll_out, units)) as events:
+            with closing(self._hand_out(roll_out, units, lambda: self._pause)) as events:
                 arrived: set[int] = set()
+
+                def hand_out() -> None:
+                    self._hear(next(events, NOTHING), units, arrived)
+
                 for number in range(first, c.rounds):
                     wanted = {unit.number for unit in self._round(number)}
                     self._await(events, units, arrived, wanted)
-                    values = self._round_done(number, replay)
+                    values = self._round_done(number, replay, hand_out)
                     self._write_policy(number + 1)
                     log.write(number + 1, values)  # first: a row too many is dropped on resuming
                     checkpoint.save(path, networks, optimisers, number + 1)
@@ -255,27 +262,35 @@ class Training:
     def _await(
         self, events: Iterator[Event], units: list[Rollout], arrived: set[int], wanted: set[int]
     ) -> None:
-        """Wait until the workers are through with some units; note what failed."""
+        """Wait until the workers are through with some units."""
+        self._pause = None
         while not wanted <= arrived:
-            event = next(events)
-            unit: Rollout = units[event.unit]
-            if event.kind == "failed":
-                why = self.failed[unit.path.stem] = str(event.value).splitlines()[0]
-                self._in_vain += 1
-                if self._in_vain == IN_VAIN:
-                    raise EntrackError(f"{IN_VAIN} episodes in a row failed: {why}")
-            elif event.kind == "done":
-                self._in_vain = 0
-            if event.kind == "done" and not unit.path.exists():
-                raise EntrackError(
-                    f"an episode was played but is not in {unit.path.parent}: "
-                    "do all machines see this folder?"
-                )
-            if event.kind in ("done", "failed"):
-                arrived.add(unit.number)
+            self._hear(next(events), units, arrived)
+        self._pause = 0
 
-    def _round_done(self, number: int, replay: Replay) -> dict[str, float]:
-        """Take in a round's episodes, and update."""
+    def _hear(self, event: Event, units: list[Rollout], arrived: set[int]) -> None:
+        """Note which unit the workers are through with, and whether it failed."""
+        if event.kind not in ("done", "failed"):
+            return
+        unit: Rollout = units[event.unit]
+        arrived.add(unit.number)
+        if event.kind == "failed":
+            why = self.failed[unit.path.stem] = str(event.value).splitlines()[0]
+            self._in_vain += 1
+            if self._in_vain == IN_VAIN:
+                raise EntrackError(f"{IN_VAIN} episodes in a row failed: {why}")
+            return
+        self._in_vain = 0
+        if not unit.path.exists():
+            raise EntrackError(
+                f"an episode was played but is not in {unit.path.parent}: "
+                "do all machines see this folder?"
+            )
+
+    def _round_done(
+        self, number: int, replay: Replay, between: Callable[[], None]
+    ) -> dict[str, float]:
+        """Take in a round's episodes, and update; `between` is called after each update."""
         c = self.config
         if c.fresh:
             replay.clear()
@@ -293,6 +308,7 @@ class Training:
         rng = np.random.default_rng([c.seed, 8, number])
         for _ in range(c.updates if len(replay) else 0):
             losses.append(self.learner.learn(replay, rng, act=number >= c.critic_first))
+            between()
         if losses:
             values |= {k: float(np.mean([loss[k] for loss in losses])) for k in losses[0]}
         return values
