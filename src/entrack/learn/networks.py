@@ -18,6 +18,8 @@ from entrack.policy import LOG_STD, OUTWARDS
 from entrack.state import GRID, place
 
 Weights = dict[str, NDArray[np.float32]]
+PART = 32
+"""States that an update reads at a time."""
 
 
 class States(NamedTuple):
@@ -95,7 +97,7 @@ class LinearF1(nn.Module):
 
     def forward(self, features: Tensor) -> Tensor:
         """Z (N, C, n, n) → z (N, 1, n, n), eq. 4."""
-        return self.conv(features)
+        return self.conv(features.float())
 
 
 class AttentionActor(nn.Module):
@@ -128,7 +130,7 @@ class AttentionActor(nn.Module):
 
         Offsets are of the four sides, in box sizes.
         """
-        z, (weight, bias) = s.z.flatten(2), (self.head.weight, self.head.bias)
+        z, (weight, bias) = s.z.flatten(2).float(), (self.head.weight, self.head.bias)
         # Written so that torch does not copy z, which is large: half of the time of an update.
         out = torch.bmm(weight[:5].expand(len(z), -1, -1), z) + bias[:5, None]
         heat = out[:, 0] + self.beta * s.m
@@ -151,6 +153,12 @@ class AttentionActor(nn.Module):
 
     def both(self, s: States) -> tuple[Tensor, Tensor, Tensor]:
         """μ, log σ, and `features`: all that an update needs of s."""
+        # Part by part, so that z, which a buffer keeps in half precision, is whole in the cache.
+        parts = [self._both(s[k : k + PART]) for k in range(0, len(s.m), PART)]
+        mean, log_std, seen = (torch.cat(part) for part in zip(*parts, strict=True))
+        return mean, log_std, seen
+
+    def _both(self, s: States) -> tuple[Tensor, Tensor, Tensor]:
         _, attention, there, offset, log_std = self._read(s)
         with torch.no_grad():
             m = (s.m * attention).sum(1)
@@ -254,9 +262,6 @@ def weights_of(actor: Actor, f1: ConditionedF1 | None, basis: Basis | None) -> W
 def as_states(
     arrays: Mapping[str, NDArray[np.generic]], rows: NDArray[np.intp] | None = None
 ) -> States:
-    """A batch from numpy arrays of any float type, by the names of `States`; or of some rows."""
-    tensors = [torch.from_numpy(arrays[k]) for k in States._fields]
-    if rows is not None:
-        wanted = torch.from_numpy(rows)
-        tensors = [tensor.index_select(0, wanted) for tensor in tensors]
-    return States(*(tensor.float() for tensor in tensors))
+    """A batch from numpy arrays, by the names of `States`; or of some rows. z may be in halves."""
+    parts = [arrays[k] if rows is None else arrays[k][rows] for k in States._fields]
+    return States(*(torch.from_numpy(part) for part in parts))

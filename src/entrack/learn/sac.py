@@ -100,15 +100,15 @@ class SAC:
         _step(self.optimise_q, loss_q)
 
         # eq. 11: κv = min_i Q_i(s, ã) − α log π(ã | s)
-        with torch.no_grad():
-            q_fresh = torch.stack([q(torch.cat([s, fresh], 1)) for q in self.q])
-            kappa_v = q_fresh.amin(0) - alpha * log_pi
+        self.q.requires_grad_(False)  # from here on Q is asked, and does not learn
+        q_fresh = torch.stack([q(torch.cat([s, fresh], 1)) for q in self.q])
+        self.q.requires_grad_(True)
+        kappa_v = (q_fresh.amin(0) - alpha * log_pi).detach()
         loss_v = F.mse_loss(self.v(s), kappa_v)
         _step(self.optimise_v, loss_v)
 
         # eq. 12, whose sign is flipped in print: minimise α log π − Q
-        q_pi = torch.stack([q(torch.cat([s, fresh], 1)) for q in self.q])
-        value = q_pi[0] if c.policy_q == "first" else q_pi.amin(0)
+        value = q_fresh[0] if c.policy_q == "first" else q_fresh.amin(0)
         loss_pi = (alpha * log_pi - value).mean()
         if c.imitate:
             loss_pi = loss_pi + c.imitate * self._imitation(mean, batch)
