@@ -30,7 +30,7 @@ DOUBT = 0.1
 LEAST = 0.02
 """Differences far below it are none."""
 
-Codes = NDArray[np.intp]
+Codes = NDArray[np.uint16]
 Shares = NDArray[np.float32]
 
 
@@ -41,7 +41,7 @@ def codes(patch: Image, bins: int) -> Codes:
     array([[11, 11],
            [11, 11]])
     """
-    level = (patch[::STRIDE, ::STRIDE] // (256 // bins)).astype(np.intp)
+    level = (patch[::STRIDE, ::STRIDE] // (256 // bins)).astype(np.uint16)
     return (level[..., 0] * bins + level[..., 1]) * bins + level[..., 2]
 
 

@@ -126,17 +126,15 @@ def sample_box(features: Array, box: ArrayLike, window: Window, points: int) -> 
 def sample_boxes(features: Array, boxes: ArrayLike, window: Window, points: int) -> Array:
     """The same of several boxes (k, 4), channels last: (k, points · points, C)."""
     n = features.shape[-1]
-    cells = np.ascontiguousarray(features.reshape(-1, n * n).T)  # a place is one run of numbers
     x, y, w, h = (window.to_patch(boxes) * (n / window.size)).T[..., None]
     along = (np.arange(points) + 0.5) / points
-    places = np.stack(np.broadcast_arrays((y + h * along)[:, :, None], (x + w * along)[:, None]))
-    places = np.clip(places.reshape(2, -1) - 0.5, 0, n - 1)
-    low = np.minimum(places.astype(int), n - 2)
-    down, right = (places - low).astype(np.float32)[..., None]
-    first = low[0] * n + low[1]
-    above = (1 - right) * cells[first] + right * cells[first + 1]
-    below = (1 - right) * cells[first + n] + right * cells[first + n + 1]
-    seen = (1 - down) * above + down * below
+    columns, rows = _interpolate(x + w * along - 0.5, n), _interpolate(y + h * along - 0.5, n)
+    # Small products, of the cells that any box needs alone: no BLAS wakes its threads for them.
+    above, left = (np.flatnonzero(weights.any(axis=(0, 1))) for weights in (rows, columns))
+    down, across = slice(above[0], above[-1] + 1), slice(left[0], left[-1] + 1)
+    cells = np.ascontiguousarray(features.reshape(-1, n * n).T).reshape(n, n, -1)[down, across]
+    seen = np.matmul(columns[:, None, :, across], cells)  # (k, rows, points, C)
+    seen = np.matmul(rows[:, None, :, down], seen.swapaxes(1, 2)).swapaxes(1, 2)
     return cast(Array, seen.reshape(-1, points * points, len(features)))
 
 
@@ -146,13 +144,9 @@ def shifted(features: Array, seen: Window, wanted: Window) -> Array:
 
 
 def _interpolate(places: NDArray[np.float64], n: int) -> Array:
-    """Weights (len(places), n) of the two cells around each place."""
-    places = np.clip(places, 0, n - 1)
-    low = np.minimum(places.astype(int), n - 2)
-    matrix = np.zeros((len(places), n), np.float32)
-    rows = np.arange(len(places))
-    matrix[rows, low], matrix[rows, low + 1] = 1 - (places - low), places - low
-    return matrix
+    """Weights (…, n) of the two cells around each place."""
+    away = np.abs(np.clip(places, 0, n - 1)[..., None] - np.arange(n))
+    return np.maximum(1 - away, 0).astype(np.float32)
 
 
 class Conditioned:
