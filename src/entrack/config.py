@@ -138,11 +138,8 @@ class Weights:
     0 to 1; with `[colour]` only."""
     leap: float = 0.0
     """The logarithm of the greatest leap so far: how far the target was from where it was expected,
-    in sizes, times `rival`. It is forgotten by a hundredth a frame, for what the tracker may have
-    gone over to looks like the target from then on."""
-    fall: float = 0.0
-    """The logarithm of the greatest fall so far of `same` below its mean of the last frames,
-    forgotten as a leap is: what turns changes slowly, another one at once."""
+    in sizes, times `rival`; up to .1. It is forgotten by a hundredth a frame, for what the tracker
+    may have gone over to looks like the target from then on."""
     unrest: float = 0.0
     """How far the target is from where it is expected in these frames, a running mean in sizes up
     to .2: what leaps for a restless target is no leap."""
@@ -156,12 +153,12 @@ class Weights:
     @property
     def compares(self) -> bool:
         """Whether the target's first look counts, which takes time to compare with."""
-        return any((self.first, self.unseen, self.rival, self.same, self.fall))
+        return any((self.first, self.unseen, self.rival, self.same))
 
     @property
     def recalls(self) -> bool:
         """Whether frames before the last one count."""
-        return any((self.leap, self.fall, self.unrest))
+        return any((self.leap, self.unrest))
 
     def total(self, evidence: Mapping[str, float]) -> float:
         """`bias` + Σ weight · evidence."""

@@ -23,18 +23,14 @@ from entrack.window import Window
 HERE, ELSEWHERE = 1.5, 2.5
 """Cells from the box's centre up to which a response is the box's, and from which on another's."""
 FORGET = 0.01
-"""Share of the greatest leap and the greatest fall that is forgotten in a frame."""
-LEAST = 0.02
-"""Leaps and falls far below it are alike, and none."""
-HABIT = 0.3
-"""Share of a frame in the running mean that a fall starts from: looks that change slowly are the
-target's own, and another's come at once."""
+"""Share of the greatest leap that is forgotten in a frame."""
+LEAST, MOST = 0.02, 0.1
+"""Leaps far below the one are none, and those above the other alike: whoever has leapt that far may
+have gone over to another, and no further leap tells more."""
 RESTLESS = 0.1
 """Share of a frame in the running mean of how far from where it is expected a target is …"""
 UNREST = 0.2
 """… which does not count above this, in sizes."""
-ALIKE = 0.6
-"""Likeness from which on a second frame is no fall; see docs/score-and-search.md."""
 NOTHING = 0.2
 """A height of the first look's response below which it is doubted that anything like it is seen."""
 FAINT = 0.02
@@ -97,37 +93,27 @@ class Origin:
 class Past:
     """What has happened since the first frame, which no later picture tells.
 
-    >>> Past().then(away=0.5, rival=0.8, same=0.9).then(away=0.0, rival=0.8, same=0.6)
-    Past(leap=0.396, fall=0.3, usual=0.81, unrest=0.045)
+    >>> Past().then(away=0.5, rival=0.8).then(away=0.0, rival=0.8)
+    Past(leap=0.396, unrest=0.045)
     """
 
     leap: float = 0.0
-    """The greatest leap so far, see `entrack.config.Weights` …"""
-    fall: float = 0.0
-    """… and the greatest fall."""
-    usual: float | None = None
-    """The running mean of `same`; None before there was one."""
+    """The greatest leap so far, see `entrack.config.Weights`."""
     unrest: float = 0.0
     """The running mean of how far from where it was expected the target was, in sizes."""
 
-    def then(self, away: float, rival: float, same: float) -> "Past":
+    def then(self, away: float, rival: float) -> "Past":
         """One frame later: the target was `away` from where it was expected, in sizes up to 1."""
-        usual = max(same, ALIKE) if self.usual is None else self.usual
         return Past(
             max((1 - FORGET) * self.leap, away * rival),
-            max((1 - FORGET) * self.fall, usual - same),
-            (1 - HABIT) * usual + HABIT * same,
             (1 - RESTLESS) * self.unrest + RESTLESS * away,
         )
 
     @property
     def evidence(self) -> dict[str, float]:
         """For the score."""
-        return {
-            "leap": math.log(LEAST + self.leap),
-            "fall": math.log(LEAST + self.fall),
-            "unrest": min(self.unrest, UNREST),
-        }
+        leap, unrest = math.log(LEAST + min(self.leap, MOST)), min(self.unrest, UNREST)
+        return {"leap": leap, "unrest": unrest}
 
 
 def _away(n: int, place: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -198,12 +184,10 @@ class Search:
         frames = self.unsure + self.gone
         return self.size * min(self.config.growth * frames, self.config.reach)
 
-    def follow(
-        self, step: NDArray[np.float64], size: float, rival: float = 1.0, same: float = 1.0
-    ) -> None:
-        """Hear how far the centre of a box of this size has moved (2,), and what it looks like."""
+    def follow(self, step: NDArray[np.float64], size: float, rival: float = 1.0) -> None:
+        """Hear how far the centre of a box of this size moved (2,), and how like it another is."""
         away = max(math.hypot(*(step - self.step)) / size, self.far)
-        self.past, self.far = self.past.then(min(away, 1.0), rival, same), 0.0
+        self.past, self.far = self.past.then(min(away, 1.0), rival), 0.0
         self.step = (self.step + step) / 2
 
     def likely(self, box: Boxes, window: Window, n: int) -> cf.Features | None:

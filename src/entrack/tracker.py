@@ -350,7 +350,7 @@ class Tracker:
         search = target.search
         step, side = centre - boxes_.centre(searched), math.sqrt(searched[2] * searched[3])
         seen = answer.evidence
-        search.follow(step, side, seen.get("rival", 1.0), seen.get("same", 1.0))
+        search.follow(step, side, seen.get("rival", 1.0))
         evidence = seen | search.past.evidence
         assert self._frame is not None and target.look is not None
         learn, window = self.config.update, self.config.window

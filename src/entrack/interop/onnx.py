@@ -88,7 +88,7 @@ def _write_step(step: Step, c: int, path: Path) -> None:
     side, colour = step.config.window.size, step.config.colour
     shapes = {
         "features": (1 + k, c, n, n), "box": (4,), "image": (2,), "first_size": (2,),
-        "template": (c, n, n), "score": (), "first": (c, n, n), "roi": (4,), "past": (6,),
+        "template": (c, n, n), "score": (), "first": (c, n, n), "roi": (4,), "past": (4,),
         "turn": (), "patches": (1 + k, 3, side, side), "colours": (3, colour.bins**3 if colour else 1),
         "inside": (c, GRID, GRID),
     }  # fmt: skip
@@ -108,8 +108,8 @@ _MEMORY = {
     "first": "| `first` | `first_out` | Z of the first frame's window |\n",
     "roi": "| `roi` | `roi_out` | float32 (4,): the first box in that window, x, y, w, h in shares of "
     "its side |\n",
-    "past": "| `past` | `past_out` | float32 (6,): what the score remembers: how the target moves in a "
-    "frame, x and y in pixels; the greatest leap and the greatest fall; how it looks; how restless it is |\n",
+    "past": "| `past` | `past_out` | float32 (4,): what the score remembers: how the target moves in a "
+    "frame, x and y in pixels; the greatest leap; how restless it is |\n",
     "turn": "| `turn` | `turn_out` | float32 (): frames until other sizes than the last are looked at; "
     "above 0, `features` of the other `zooms` are not used |\n",
     "colours": "| `patches` | | float32 ({k} + 1, 3, {size}, {size}): what the trunk saw for `features` |\n"

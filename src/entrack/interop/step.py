@@ -22,13 +22,12 @@ from entrack.likeness import FURTHEST, WIDER
 from entrack.likeness import POINTS as POINTS_AROUND
 from entrack.policy import LOG_STD, OUTWARDS, Policy
 from entrack.recovery import (
-    ALIKE,
     ELSEWHERE,
     FAINT,
     FORGET,
-    HABIT,
     HERE,
     LEAST,
+    MOST,
     NOTHING,
     ORIGIN,
     POINTS,
@@ -131,9 +130,9 @@ class Step(nn.Module):
         size = torch.maximum(size, limits.smallest * first_size)
         centre, size = (torch.round(v * PLACES) / PLACES for v in (centre, size))
         box = torch.cat([centre - size / 2, size])
-        past = self.followed(past, new, (centre - before).float(), last.float(), seen)
-        leap, fall = (LEAST + past[2:4]).log()
-        seen |= {"leap": leap, "fall": fall, "unrest": past[5].clamp_max(UNREST)}
+        past = self.followed(past, (centre - before).float(), last.float(), seen)
+        leap = (LEAST + past[2].clamp_max(MOST)).log()
+        seen |= {"leap": leap, "unrest": past[3].clamp_max(UNREST)}
         wide = window * self.zooms[used].double()
         place = torch.cat([(box[:2] - before) / wide + 0.5, size / wide]).float()
         own = others = torch.zeros(())
@@ -268,18 +267,12 @@ class Step(nn.Module):
         parts = [w * evidence[name] for name, w in weights.items() if w]
         return torch.stack([torch.tensor(config.bias), *parts]).sum()
 
-    def followed(
-        self, past: Tensor, new: Tensor, step: Tensor, size: Tensor, seen: dict[str, Tensor]
-    ) -> Tensor:
+    def followed(self, past: Tensor, step: Tensor, size: Tensor, seen: dict[str, Tensor]) -> Tensor:
         """`recovery.Search.follow`."""
-        one = torch.ones(())
-        rival, same = seen.get("rival", one), seen.get("same", one)
         away = ((step - past[:2]).norm() / size).clamp_max(1.0)
-        usual = torch.where(new > 0, same.clamp_min(ALIKE), past[4])
-        worst = torch.maximum((1 - FORGET) * past[2:4], torch.stack([away * rival, usual - same]))
-        usual = (1 - HABIT) * usual + HABIT * same
-        unrest = (1 - RESTLESS) * past[5] + RESTLESS * away
-        return torch.cat([(past[:2] + step) / 2, worst, torch.stack([usual, unrest])])
+        leap = torch.maximum((1 - FORGET) * past[2], away * seen.get("rival", torch.ones(())))
+        unrest = (1 - RESTLESS) * past[3] + RESTLESS * away
+        return torch.cat([(past[:2] + step) / 2, torch.stack([leap, unrest])])
 
     def compared(
         self, z: Tensor, first: Tensor, roi: Tensor, held: Tensor, zoom: Any, offset: Tensor,
