@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 import openvino as ov
 
+import entrack
 from entrack import bench
 from entrack.model import load_model
 
@@ -26,10 +27,14 @@ def tracking(nanotrack: Path | None) -> list[tuple[str, float, float]]:
     """Frames a second in memory, and against other trackers."""
     others = ["opencv:csrt"] + ([f"opencv:nano:{nanotrack}"] if nanotrack else [])
     model = load_model("cf")
-    found = bench.trackers(bench.contenders(model, THREADS, others), bench.demo(60))
+    peers = bench.contenders(model, THREADS, others)
+    peers |= {name: entrack.load(name, threads=THREADS) for name in ("default", "longterm")}
+    found = bench.trackers(peers, bench.demo(60), rounds=7)
     fps = {name: bench.summary(times)["fps"] for name, times in found.items()}
     one, three = fps["cf, one size, openvino"], fps["cf, three sizes, openvino"]
     rows = [
+        ("default, frames/s", fps["default"], 120),
+        ("longterm, times default", fps["longterm"] / fps["default"], 0.85),
         ("cf, one size, frames/s", one, 150),
         ("cf, three sizes, frames/s", three, 60),
         ("cf, one size, times CSRT", one / fps["opencv:csrt"], 1.5),
