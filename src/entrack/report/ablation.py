@@ -161,5 +161,6 @@ def _plot(title: str, found: Sequence[Summary], published: Mapping[str, float]) 
     axes.set_xticks(x, [s.name for s in found])
     if max(len(s.name) for s in found) > 8:
         axes.tick_params(axis="x", rotation=20)
-    axes.legend(fontsize=8)
+    # Outside: intervals are long, and one of them would be hidden.
+    figure.legend(fontsize=8, ncols=3, loc="outside lower center", frameon=False)
     return figure
