@@ -23,8 +23,8 @@ made = 0
 every = 2
 validation = ["third"]
 [student]
-stem = [4, 8]
-widths = [8, 8, 8]
+stem = [16, 16]
+widths = [16, 16, 16]
 depths = [1, 1, 1]
 [distil]
 crops = 80

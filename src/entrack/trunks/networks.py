@@ -4,6 +4,7 @@ All of them map BGR pixels in [0, 255], float32 (N, 3, H, W), to features (N, 25
 """
 
 from collections.abc import Mapping
+from contextlib import AbstractContextManager, nullcontext
 from typing import Literal
 
 import numpy as np
@@ -20,6 +21,17 @@ MEAN_RGB, STD_RGB = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)  # torchvision'
 def as_input(patches: NDArray[np.uint8]) -> Tensor:
     """Patches (N, S, S, 3) uint8 → (N, 3, S, S) float32, channels last in memory."""
     return torch.from_numpy(patches).permute(0, 3, 1, 2).float()
+
+
+def sound_kernels(network: nn.Module) -> AbstractContextManager[None]:
+    """Train a network in this: oneDNN computes it, unless it is narrow.
+
+    With 8 channels, the kernels of torch 2.13 for AVX-512 write past their arrays on some
+    processors, and the process is aborted.
+    """
+    convs = [m for m in network.modules() if isinstance(m, nn.Conv2d)]
+    wide = all(m.out_channels % 16 == 0 for m in convs)
+    return nullcontext() if wide else torch.backends.mkldnn.flags(enabled=False)
 
 
 class Normalise(nn.Module):

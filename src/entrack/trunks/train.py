@@ -20,7 +20,7 @@ from entrack.trunks.export import export
 from entrack.trunks.finetune import FinetuneConfig, finetune
 from entrack.trunks.importing import read_resnet18
 from entrack.trunks.material import Material, MaterialConfig
-from entrack.trunks.networks import Student, StudentConfig
+from entrack.trunks.networks import Student, StudentConfig, sound_kernels
 from entrack.trunks.pairs import Pair, from_sequence, from_still
 
 Report = Callable[[str, int, int, dict[str, float]], None]
@@ -77,7 +77,8 @@ def train_trunk(
     student = Student(config.student)
     pictures = material.pictures
     size = config.distil.size
-    with TemporaryDirectory() as folder:  # the teacher is not ours to leave lying about
+    # The teacher is not ours to leave lying about.
+    with TemporaryDirectory() as folder, sound_kernels(student):
         export(read_resnet18(teacher_weights), Path(folder) / "teacher.onnx")
         teach = load_trunk(Path(folder) / "teacher.onnx", threads=config.threads)
 
