@@ -39,7 +39,7 @@ def codes(patch: Image, bins: int) -> Codes:
 
     >>> codes(np.full((4, 4, 3), (0, 128, 255), np.uint8), bins=4)
     array([[11, 11],
-           [11, 11]])
+           [11, 11]], dtype=uint16)
     """
     level = (patch[::STRIDE, ::STRIDE] // (256 // bins)).astype(np.uint16)
     return (level[..., 0] * bins + level[..., 1]) * bins + level[..., 2]
