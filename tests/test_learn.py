@@ -180,6 +180,35 @@ def learner(**changes: object) -> tuple[SAC, Batch]:
     return sac, Batch(states(), rows, action, action, gains, states(), rows, ends)
 
 
+def test_the_critic_sees_states_as_the_policy_did_when_it_began():
+    _, actor, _, _ = untrained("conditioned")
+    sac = SAC(actor, SACConfig(batch=12))
+    kept, plain = Replay(40, sac.see), Replay(40)
+    rng = np.random.default_rng(0)
+    z, m = rng.random((21, 12, 18, 18)), rng.random((21, 324))
+    played = fake(20, 0)._replace(
+        z=z.astype(np.float16), m=m.astype(np.float32), held=rng.uniform(0.2, 0.4, (21, 4))
+    )
+    played = played._replace(held=played.held.astype(np.float32))
+    for replay in kept, plain:
+        replay.add(played)
+    given, whole = (replay.draw(12, np.random.default_rng(1)) for replay in (kept, plain))
+    assert given.seen and given.after is None and whole.after and not whole.seen
+    for told, states, rows in (
+        (given.seen[0], whole.state, whole.now), (given.seen[1], whole.after, whole.then)
+    ):  # fmt: skip
+        np.testing.assert_allclose(told, actor.features(states).numpy()[rows], atol=1e-5)
+
+    losses = [
+        SAC(untrained("conditioned")[1], sac.config).update(batch, torch.zeros(12, 4), act=False)
+        for batch in (given, whole)
+    ]
+    assert losses[0] == pytest.approx(losses[1], rel=1e-3, abs=1e-5)
+    with torch.no_grad():
+        actor.head.weight += 1
+    np.testing.assert_array_equal(sac.see(whole.state)[whole.now][:3], given.seen[0][:3])
+
+
 def test_q_learns_equation_10_and_goal_v_follows_by_equation_13():
     sac, batch = learner(gamma=0.9, rho=0.99)
     s, after = sac.actor.features(batch.state), sac.actor.features(batch.after)

@@ -124,7 +124,7 @@ class Policy:
     """State and policy of a model, from one dictionary of weights."""
 
     def __init__(self, config: PolicyConfig, weights: Weights) -> None:
-        self.config = config
+        self.config, self.weights = config, weights
         self.f1 = F1S[config.f1](weights)
         self.head = HEADS[config.f1](weights, config.reach)
 

@@ -142,35 +142,27 @@ class AttentionActor(nn.Module):
         there = torch.bmm(attention[:, None], z.mT)[:, 0]
         return heat, attention, there, offset, there @ weight[5:].T + bias[5:]
 
-    def _gaussian(self, offset: Tensor, log_std: Tensor) -> tuple[Tensor, Tensor]:
-        mean = torch.atanh((offset / self.reach).clamp(-0.999, 0.999))
-        return mean, log_std.clamp(*LOG_STD)
-
     def forward(self, s: States) -> tuple[Tensor, Tensor, Tensor]:
         """μ and log σ before the tanh (N, 4), and the heat that the attention is made of."""
         heat, _, _, offset, log_std = self._read(s)
-        return *self._gaussian(offset, log_std), heat
+        mean = torch.atanh((offset / self.reach).clamp(-0.999, 0.999))
+        return mean, log_std.clamp(*LOG_STD), heat
 
-    def both(self, s: States) -> tuple[Tensor, Tensor, Tensor]:
-        """μ, log σ, and `features`: all that an update needs of s."""
+    def gaussian(self, s: States) -> tuple[Tensor, Tensor]:
+        """μ and log σ before the tanh (N, 4)."""
         # Part by part, so that z, which a buffer keeps in half precision, is whole in the cache.
-        parts = [self._both(s[k : k + PART]) for k in range(0, len(s.m), PART)]
-        mean, log_std, seen = (torch.cat(part) for part in zip(*parts, strict=True))
-        return mean, log_std, seen
+        parts = [self(s[k : k + PART])[:2] for k in range(0, len(s.m), PART)]
+        mean, log_std = (torch.cat(part) for part in zip(*parts, strict=True))
+        return mean, log_std
 
-    def _both(self, s: States) -> tuple[Tensor, Tensor, Tensor]:
-        _, attention, there, offset, log_std = self._read(s)
-        with torch.no_grad():
-            m = (s.m * attention).sum(1)
-            spread = -(attention * torch.log(attention + 1e-9)).sum(1)
-            numbers = torch.stack([m, s.m.amax(1), spread, (s.held[:, 0] / s.held[:, 1]).log()], 1)
-            seen = torch.cat([there, numbers, s.held[:, 2:], offset, log_std], 1)
-        return *self._gaussian(offset, log_std), seen
-
+    @torch.no_grad()
     def features(self, s: States) -> Tensor:
         """What the critic sees of s: z and m where the policy looks, and what it would do."""
-        with torch.no_grad():
-            return self.both(s)[2]
+        _, attention, there, offset, log_std = self._read(s)
+        m = (s.m * attention).sum(1)
+        spread = -(attention * torch.log(attention + 1e-9)).sum(1)
+        numbers = torch.stack([m, s.m.amax(1), spread, (s.held[:, 0] / s.held[:, 1]).log()], 1)
+        return torch.cat([there, numbers, s.held[:, 2:], offset, log_std], 1)
 
 
 class LinearActor(nn.Module):
@@ -195,15 +187,14 @@ class LinearActor(nn.Module):
         log_std = self.log_std(both if self.joint else s.m)
         return mean, log_std.clamp(*LOG_STD), z
 
-    def both(self, s: States) -> tuple[Tensor, Tensor, Tensor]:
-        """μ, log σ, and `features`: all that an update needs of s."""
-        mean, log_std, z = self(s)
-        return mean, log_std, torch.cat([z.detach(), s.m], 1)
+    def gaussian(self, s: States) -> tuple[Tensor, Tensor]:
+        """μ and log σ before the tanh (N, 4)."""
+        return self(s)[:2]
 
+    @torch.no_grad()
     def features(self, s: States) -> Tensor:
         """S = (z, m), eq. 6: 324 + 5184 numbers."""
-        with torch.no_grad():
-            return torch.cat([self.f1(s.z).flatten(1), s.m], 1)
+        return torch.cat([self.f1(s.z).flatten(1), s.m], 1)
 
 
 Actor = AttentionActor | LinearActor

@@ -1,5 +1,6 @@
 """The replay buffer B: transitions (s, a, r, s', p) in a ring of arrays (§3.2.5)."""
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -7,6 +8,8 @@ from numpy.typing import NDArray
 
 from entrack.learn.episode import Episode
 from entrack.learn.networks import States, as_states
+
+Features = NDArray[np.float32]
 
 
 class Batch(NamedTuple):
@@ -21,20 +24,30 @@ class Batch(NamedTuple):
     action: NDArray[np.float32]
     best: NDArray[np.float32]
     reward: NDArray[np.float32]
-    after: States
+    after: States | None
+    """None where the critic's features are kept."""
     then: NDArray[np.intp]
     """(N,): which of `after` each transition leads to."""
     terminated: NDArray[np.float32]
+    seen: tuple[Features, Features] | None = None
+    """What the critic sees of s and of s' (N, k), where it is kept."""
 
 
 class Replay:
     """A ring of at most `capacity` states; the oldest episodes make room for new ones.
 
     A state and the one after it lie side by side, so each is kept once: z in float16.
+
+    Parameters
+    ----------
+    capacity
+        In states.
+    see
+        What the critic sees of states (N, k); None where that changes with what is learned.
     """
 
-    def __init__(self, capacity: int) -> None:
-        self.capacity = capacity
+    def __init__(self, capacity: int, see: Callable[[States], Features] | None = None) -> None:
+        self.capacity, self.see = capacity, see
         self.arrays: dict[str, NDArray[np.generic]] = {}
         self.next, self.size = 0, 0
         self.version = 0
@@ -56,6 +69,8 @@ class Replay:
             "action": _padded(episode.action), "best": _padded(episode.best),
             "reward": _padded(episode.reward), "terminated": end, "usable": usable,
         }  # fmt: skip
+        if self.see:
+            rows["seen"] = self.see(as_states(episode._asdict()))
         if not self.arrays:
             self.arrays = {
                 name: np.zeros((self.capacity, *a.shape[1:]), a.dtype) for name, a in rows.items()
@@ -107,9 +122,12 @@ class Replay:
             a["action"][rows].astype(np.float32),
             a["best"][rows].astype(np.float32),
             a["reward"][rows].astype(np.float32),
-            as_states(a, following),
+            None if self.see else as_states(a, following),
             then,
             a["terminated"][rows].astype(np.float32),
+            (a["seen"][rows].astype(np.float32), a["seen"][after].astype(np.float32))
+            if self.see
+            else None,
         )
 
 

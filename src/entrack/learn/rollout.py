@@ -3,6 +3,7 @@
 Each is a file, made from a seed and the file of a policy, so any can be made again.
 """
 
+import hashlib
 import time
 from dataclasses import dataclass
 from functools import lru_cache
@@ -18,6 +19,7 @@ from entrack.learn.env import EpisodeConfig, play
 from entrack.learn.episode import Episode
 from entrack.learn.store import kept
 from entrack.policy import Policy, load_policy
+from entrack.state import F1
 from entrack.tracker import Tracker
 from entrack.trunk import Trunk, load_trunk
 
@@ -50,10 +52,24 @@ def _trunk(path: Path) -> Trunk:
     return load_trunk(path, threads=1)
 
 
+_f1: dict[str, F1] = {}
+
+
 @lru_cache(2)
 def _policy(path: Path, config: PolicyConfig) -> Policy:
-    """A round's policy; its networks are compiled at the first use, which takes a while."""
-    return load_policy(path, config)
+    """A round's policy.
+
+    With f1 of the one before where that is the same, as after a warm start: to compile it anew
+    takes as long as four frames.
+    """
+    policy = load_policy(path, config)
+    weights = sorted((k, w) for k, w in policy.weights.items() if k.startswith("f1."))
+    key = hashlib.sha256(b"".join(w.tobytes() for _, w in weights)).hexdigest()
+    if key not in _f1:
+        _f1.clear()
+        _f1[key] = policy.f1
+    policy.f1 = _f1[key]
+    return policy
 
 
 @lru_cache(512)

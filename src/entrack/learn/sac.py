@@ -6,11 +6,12 @@ from typing import Literal
 import numpy as np
 import torch
 import torch.nn.functional as F
+from numpy.typing import NDArray
 from pydantic import ConfigDict, Field
 from pydantic.dataclasses import dataclass
 from torch import Tensor, nn
 
-from entrack.learn.networks import Actor, perceptron, squashed
+from entrack.learn.networks import Actor, States, perceptron, squashed
 from entrack.learn.replay import Batch, Replay
 
 
@@ -51,6 +52,7 @@ class SAC:
         self.q = nn.ModuleList(perceptron(size + 4, config.hidden) for _ in range(2))
         self.v = perceptron(size, config.hidden)
         self.goal_v = deepcopy(self.v).requires_grad_(False)
+        self.start = deepcopy(actor).requires_grad_(False)
         self.log_alpha = nn.Parameter(torch.tensor(float(np.log(max(config.alpha, 1e-8)))))
         self.optimise_q = torch.optim.Adam(self.q.parameters(), config.lr, fused=True)
         self.optimise_v = torch.optim.Adam(self.v.parameters(), config.lr, fused=True)
@@ -71,6 +73,13 @@ class SAC:
             "pi": self.optimise_pi, "alpha": self.optimise_alpha,
         }  # fmt: skip
 
+    def see(self, states: States) -> NDArray[np.float32]:
+        """What the critic sees of states (N, k), by the eyes of the policy as it began.
+
+        Once for every state and not in every update; nor does the critic's world change under it.
+        """
+        return self.start.features(states).numpy()
+
     def learn(self, replay: Replay, rng: np.random.Generator, act: bool = True) -> dict[str, float]:
         """One update on a batch of what is held; see `update`."""
         batch = replay.draw(self.config.batch, rng)
@@ -84,9 +93,9 @@ class SAC:
         """
         c = self.config
         alpha = self.log_alpha.exp().item() if c.alpha > 0 or c.alpha_auto else 0.0
-        now, then = torch.from_numpy(batch.now), torch.from_numpy(batch.then)
-        mean, log_std, s = (part[now] for part in self.actor.both(batch.state))
-        after = self.actor.features(batch.after)[then]
+        now = torch.from_numpy(batch.now)
+        mean, log_std = (part[now] for part in self.actor.gaussian(batch.state))
+        s, after = self._seen(batch)
         a, r = torch.from_numpy(batch.action), torch.from_numpy(batch.reward)
         p = torch.from_numpy(batch.terminated)
         fresh, log_pi = squashed(mean, log_std, self.actor.reach, noise)  # ã and log π(ã | s)
@@ -126,6 +135,15 @@ class SAC:
             "loss_q": loss_q.item(), "loss_v": loss_v.item(), "loss_pi": loss_pi.item(),
             "entropy": -log_pi.mean().item(), "alpha": alpha, "value": q_fresh.mean().item(),
         }  # fmt: skip
+
+    def _seen(self, batch: Batch) -> tuple[Tensor, Tensor]:
+        """What the critic sees of s and s' (N, k)."""
+        if batch.seen:
+            s, after = batch.seen
+            return torch.from_numpy(s), torch.from_numpy(after)
+        assert batch.after is not None
+        s, after = (self.actor.features(states) for states in (batch.state, batch.after))
+        return s[torch.from_numpy(batch.now)], after[torch.from_numpy(batch.then)]
 
     def _imitation(self, mean: Tensor, batch: Batch) -> Tensor:
         """Huber distance of the mean action to the one that hits the true box, where known."""

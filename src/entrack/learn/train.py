@@ -181,7 +181,8 @@ class Training:
         networks, optimisers = self.learner.networks, self.learner.optimisers
         first = checkpoint.load(path, networks, optimisers) if path.exists() else 0
         log = checkpoint.Log(self.run, "sac", first)
-        replay = Replay(c.capacity)
+        # An f1 that is learned with the policy changes what the critic sees (paper, row 9).
+        replay = Replay(c.capacity, self.learner.see if self.f1 else None)
         for past in range(0 if not c.fresh else first, first):
             self._take(past, replay)
         if not self._policy_path(first).exists():
