@@ -60,6 +60,8 @@ def main() -> None:
     ends: list[tuple[float, float]] = []
 
     def report(stage: str, step: int, steps: int, values: dict[str, float]) -> None:
+        if stage == "clips" and step == steps:
+            os.sync()  # else they are being written to the disk while the time is taken
         if stage == "policy":
             ends.append((time.perf_counter(), processor_seconds()))
 
