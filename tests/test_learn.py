@@ -209,6 +209,24 @@ def test_the_critic_sees_states_as_the_policy_did_when_it_began():
     np.testing.assert_array_equal(sac.see(whole.state)[whole.now][:3], given.seen[0][:3])
 
 
+def test_policies_of_one_f1_share_what_is_compiled(tmp_path):
+    from safetensors.numpy import save_file
+
+    from entrack.learn.rollout import _policy
+
+    config = PolicyConfig(f1="conditioned", reach=1.5)
+    weights = untrained("conditioned")[0].weights
+    heads = dict(weights) | {"head.bias": weights["head.bias"] + 1}
+    others = dict(weights) | {"f1.mix.bias": weights["f1.mix.bias"] + 1}
+    policies = []
+    for number, these in enumerate((dict(weights), heads, others)):
+        save_file(these, tmp_path / f"{number}.safetensors")
+        policies.append(_policy(tmp_path / f"{number}.safetensors", config))
+    first, again, other = policies
+    assert first.f1 is again.f1 is not other.f1
+    assert not np.array_equal(first.head.w["head.bias"], again.head.w["head.bias"])
+
+
 def test_q_learns_equation_10_and_goal_v_follows_by_equation_13():
     sac, batch = learner(gamma=0.9, rho=0.99)
     s, after = sac.actor.features(batch.state), sac.actor.features(batch.after)

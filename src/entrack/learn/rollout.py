@@ -53,6 +53,7 @@ def _trunk(path: Path) -> Trunk:
 
 
 _f1: dict[str, F1] = {}
+"""The f1 of the last policy, by its weights."""
 
 
 @lru_cache(2)
