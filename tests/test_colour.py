@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from entrack.colour import LEAST, Colours, Seen
+from entrack.colour import LEAST, SLOW, SURE, YOUNG, Colours, Seen
 from entrack.config import ColourConfig, Config, RecoveryConfig, UpdateConfig
+from entrack.recovery import Past
 from entrack.tracker import Tracker
 from test_tracker import Averages
 
@@ -81,10 +82,44 @@ def test_the_mean_follows_slowly_and_the_first_stays():
     colours = started(patch(((0.5, 0.5), RED)), ColourConfig(rate=0.25))
     blue = Seen.of(patch(((0.5, 0.5), BLUE)), ROI, 16)
 
-    later = colours.learn(blue)
+    later = colours.learn(blue, score=1.0)
 
     np.testing.assert_array_equal(later.first, colours.first)
     np.testing.assert_allclose(later.mean.inside, 0.75 * colours.first + 0.25 * blue.inside)
+
+
+def test_a_tint_is_strange_by_how_much_it_varied_in_the_first_frames():
+    def strange(variation: int, frames: int) -> float:
+        red = [patch(((0.5, 0.5), (40, 40, 200 - variation * (k % 2)))) for k in range(frames)]
+        colours = started(red[0], ColourConfig())
+        for picture in red[1:]:
+            colours = colours.learn(colours.see(picture, ROI), score=0.0)
+        darker, other = (
+            colours.strange(colours.see(patch(((0.5, 0.5), colour)), ROI))
+            for colour in ((36, 36, 180), (60, 40, 200))
+        )
+        assert darker < other  # the light's strength counts little
+        return other
+
+    assert strange(0, 20) > strange(40, 20) + 0.5
+    assert strange(0, YOUNG) == pytest.approx(strange(0, YOUNG + 20), abs=1e-6)
+
+
+def test_after_the_first_frames_only_a_sure_tint_is_learned_and_slowly():
+    colours = started(patch(((0.5, 0.5), RED)), ColourConfig())
+    colours = replace(colours, frames=YOUNG)
+    blue = colours.see(patch(((0.5, 0.5), BLUE)), ROI)
+
+    assert colours.learn(blue, SURE - 0.01).mean.tint == pytest.approx(colours.mean.tint)
+    later = colours.learn(blue, SURE)
+    assert later.mean.tint == pytest.approx((1 - SLOW) * colours.mean.tint + SLOW * blue.tint)
+    assert later.spread == colours.spread
+
+
+def test_a_tint_of_another_counts_only_after_a_leap():
+    assert Past().swap(3.0) == 0
+    assert Past(leap=0.05).swap(3.0) > Past(leap=0.05).swap(0.5) > 0
+    assert Past(leap=1.0).swap(3.0) == Past(leap=0.1).swap(3.0)
 
 
 def test_nothing_is_learned_while_the_tracker_is_unsure():

@@ -70,7 +70,7 @@ def paper(folder: Path, joint: bool) -> Path:
 def coloured(folder: Path) -> Path:
     """The filter alone with colours, which count for the score, too."""
     shipped = load_model("cf")
-    score = replace(shipped.config.score, bias=-1.0, colour=-1.0)
+    score = replace(shipped.config.score, bias=-1.0, colour=-1.0, swap=-0.3)
     config = replace(shipped.config, score=score, colour=ColourConfig(bins=8))
     folder.mkdir()
     save_model(folder, "mine", "", config, shipped.trunk, None)

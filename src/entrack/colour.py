@@ -3,10 +3,13 @@
 It was trained to know a thing in any light, so that a copy in another tint is the same to it. A
 histogram sees nothing else. M is lowered where a box would hold few of the colours that the target
 has and its surroundings have not (the histograms are those of Staple, L. Bertinetto et al., 2016).
+A histogram is coarse. Finer is a target's tint, one mean for the whole of it: whatever has another
+one than the first frames is somebody else, however much it looks like the target.
 """
 
 import math
 from dataclasses import dataclass, replace
+from typing import cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -29,6 +32,21 @@ DOUBT = 0.1
 """Where the target's colours are seen less than this, nowhere is better than elsewhere."""
 LEAST = 0.02
 """Differences far below it are none."""
+CORE = 0.7
+"""Share of a box's sides within which its tint is seen."""
+STRANGE = 0.02
+"""How much a pixel counts whose colour is not the target's."""
+DARK = 8
+"""Grey levels that are added to a pixel's, for in the dark there is more noise than tint."""
+STEADY = 0.01
+"""A tint is known no better than by this."""
+YOUNG = 30
+"""Frames in which the tint is learned, and how much it varies; after them …"""
+SURE, SLOW = 0.7, 0.01
+"""… a frame counts by the second of these, and only where the score is at least the first."""
+ALIKE, OTHER = 0.5, 20.0
+"""Differences far below the one are none, and those above the other alike."""
+LOGS = np.log(np.arange(256, dtype=np.float32) + DARK)
 
 Codes = NDArray[np.uint16]
 Shares = NDArray[np.float32]
@@ -47,26 +65,51 @@ def codes(patch: Image, bins: int) -> Codes:
 
 @dataclass(frozen=True)
 class Seen:
-    """The shares (bins³,) that colours have in a box, and around it; each sums to 1."""
+    """What colours a box has, and what is around it."""
 
     inside: Shares
+    """The shares (bins³,) that colours have in the box, which sum to 1, …"""
     around: Shares
+    """… and around it."""
+    tint: Features
+    """Mean logarithms of blue, green and red (3,) of what in the box has the target's colours, less
+    the mean of the three: the light's strength does not count."""
 
     @classmethod
-    def of(cls, patch: Image, roi: Boxes, bins: int) -> "Seen":
-        """Count the colours of a window; `roi` is the box in shares of the window."""
+    def of(cls, patch: Image, roi: Boxes, bins: int, chance: Shares | None = None) -> "Seen":
+        """Count the colours of a window; `roi` is the box in shares of the window.
+
+        `chance` (bins³,) is how much a pixel of each colour is the target's, see `chance_of`; by
+        default, what is seen here decides.
+        """
         seen = codes(patch, bins)
+
+        def within(share: float) -> Features:
+            x, y, w, h = roi.tolist()
+            rows, columns = (covered(y + h / 2, share * h, n), covered(x + w / 2, share * w, n))
+            return np.outer(rows, columns)
 
         def count(weights: Features) -> Shares:
             total = np.bincount(seen.ravel(), weights.ravel(), bins**3).astype(np.float32)
             return total / np.float32(max(total.sum(), 1e-9))
 
-        n, (x, y, w, h) = len(seen), roi.tolist()
-        inner, outer = (
-            np.outer(covered(y + h / 2, f * h, n), covered(x + w / 2, f * w, n))
-            for f in (INNER, OUTER)
-        )
-        return cls(count(inner), count(1 - outer))
+        n = len(seen)
+        inside, around = count(within(INNER)), count(1 - within(OUTER))
+        chance = chance_of(inside, around) if chance is None else chance
+        core = within(CORE)
+        rows, columns = core.any(1), core.any(0)  # a small part of the window, as a rule
+        if not rows.any():
+            return cls(inside, around, np.zeros(3, np.float32))
+        part = np.ix_(rows, columns)
+        weights = core[part] * (chance[seen[part]] + np.float32(STRANGE))
+        logs = LOGS[patch[::STRIDE, ::STRIDE][part]].reshape(-1, 3)
+        tint = weights.ravel() @ logs / weights.sum()
+        return cls(inside, around, tint - tint.mean())
+
+
+def chance_of(own: Shares, around: Shares) -> Shares:
+    """How much a pixel of each colour (bins³,) is the target's, by the shares of its own."""
+    return cast(Shares, own / (own + around + RARE))
 
 
 def covered(centre: ArrayLike, length: float, n: int) -> Features:
@@ -89,20 +132,34 @@ class Colours:
     config: ColourConfig
     first: Shares
     """Of the target in the first frame."""
+    chance: Shares
+    """How much a pixel of each colour was the target's then."""
     mean: Seen
     """Running means."""
+    spread: float = STEADY
+    """How far the tint was from its mean, in the frames in which both were learned."""
+    frames: int = 1
+    """Of which there have been so many."""
 
     @classmethod
     def of(cls, patch: Image, roi: Boxes, config: ColourConfig) -> "Colours":
         """Start with a box in the first frame's window, in shares of it."""
         seen = Seen.of(patch, roi, config.bins)
-        return cls(config, seen.inside, seen)
+        return cls(config, seen.inside, chance_of(seen.inside, seen.around), seen)
 
-    def learn(self, seen: Seen) -> "Colours":
+    def see(self, patch: Image, roi: Boxes) -> Seen:
+        """Look at a box in a later window, in shares of it."""
+        return Seen.of(patch, roi, self.config.bins, self.chance)
+
+    def learn(self, seen: Seen, score: float) -> "Colours":
         """One frame later."""
-        rate, mean = self.config.rate, self.mean
+        rate, mean, young = self.config.rate, self.mean, self.frames < YOUNG
         inside = cf.update(mean.inside, seen.inside, rate)
-        return replace(self, mean=Seen(inside, cf.update(mean.around, seen.around, rate)))
+        around = cf.update(mean.around, seen.around, rate)
+        rate = 1 / (self.frames + 1) if young else SLOW * (score >= SURE)
+        wider = rate * (self._off(seen) - self.spread) if young else 0.0
+        mean = Seen(inside, around, cf.update(mean.tint, seen.tint, rate))
+        return replace(self, mean=mean, spread=self.spread + wider, frames=self.frames + young)
 
     def change(self, seen: Seen) -> float:
         """The logarithm of how much the colours differ from the first box's.
@@ -112,11 +169,18 @@ class Colours:
         alike = float(np.sqrt(self.first * seen.inside).sum())
         return math.log(LEAST + max(1 - alike, 0.0))
 
+    def strange(self, seen: Seen) -> float:
+        """How far the tint is from the first frames', by what is usual for this target; from 0."""
+        return math.log1p(min(self._off(seen) / (STEADY + self.spread), OTHER) / ALIKE)
+
+    def _off(self, seen: Seen) -> float:
+        return float(np.linalg.norm(seen.tint - self.mean.tint))
+
     def weigh(self, response: Features, patch: Image, size: Boxes) -> Features:
         """M (n, n), lowered where the colours are others'; `size` (2,) in shares of the window."""
         seen = codes(patch, self.config.bins)
-        own = (self.first + self.mean.inside) / 2
-        chance = own / (own + self.mean.around + RARE)
+        own = cf.update(self.first, self.mean.inside, 0.5)
+        chance = chance_of(own, self.mean.around)
         n = response.shape[-1]
         # Where the target would be for each cell of M, in shares of the window's side.
         places = np.arange(n, dtype=np.float64) / n + (0.5 - n // 2 / n)

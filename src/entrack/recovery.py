@@ -115,6 +115,10 @@ class Past:
         leap, unrest = math.log(LEAST + min(self.leap, MOST)), min(self.unrest, UNREST)
         return {"leap": leap, "unrest": unrest}
 
+    def swap(self, strange: float) -> float:
+        """For the score: a leap, and now a tint as strange as that."""
+        return strange * math.log1p(min(self.leap, MOST) / LEAST)
+
 
 def _away(n: int, place: NDArray[np.float64]) -> NDArray[np.float64]:
     """How far each cell of a response, which wraps around, is from a place (2,): (2, n, n)."""

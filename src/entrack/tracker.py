@@ -358,12 +358,13 @@ class Tracker:
         colours = self._colours(target, wide)
         if target.colours and colours:
             evidence["colour"] = target.colours.change(colours)
+            evidence["swap"] = search.past.swap(target.colours.strange(colours))
         score = config.chance(evidence) if sound else 0.0
         look = target.look = replace(target.look, evidence=evidence)
         search.decide(score, target.box, config)
         learns = score >= learn.min_score and not search.active
         if learns and target.colours and colours:
-            target.colours = target.colours.learn(colours)
+            target.colours = target.colours.learn(colours, score)
         if learns and target.likeness:
             target.likeness = target.likeness.learn(look.features, target.box, wide)
         due = learns and learn.rate > 0 and target.waited + 1 >= learn.every
@@ -381,7 +382,7 @@ class Tracker:
         if target.colours is None or target.look is None:
             return None
         roi = window.to_patch(target.box) / window.size
-        return Seen.of(target.look.patch, roi, target.colours.config.bins)
+        return target.colours.see(target.look.patch, roi)
 
     def _evidence(self, target: Target, peak: cf.Peak, box: Boxes) -> dict[str, float]:
         """What the score is computed from, for a new box."""

@@ -89,8 +89,8 @@ def _write_step(step: Step, c: int, path: Path) -> None:
     shapes = {
         "features": (1 + k, c, n, n), "box": (4,), "image": (2,), "first_size": (2,),
         "template": (c, n, n), "score": (), "first": (c, n, n), "roi": (4,), "past": (4,),
-        "turn": (), "patches": (1 + k, 3, side, side), "colours": (3, colour.bins**3 if colour else 1),
-        "inside": (c, GRID, GRID),
+        "turn": (), "patches": (1 + k, 3, side, side), "colours": (4, colour.bins**3 if colour else 1),
+        "tint": (5,), "inside": (c, GRID, GRID),
     }  # fmt: skip
     outputs = ["box_out"] + (["sigma"] if step.policy else [])
     outputs += [f"{m}_out" for m in step.remembered]
@@ -113,8 +113,10 @@ _MEMORY = {
     "turn": "| `turn` | `turn_out` | float32 (): frames until other sizes than the last are looked at; "
     "above 0, `features` of the other `zooms` are not used |\n",
     "colours": "| `patches` | | float32 ({k} + 1, 3, {size}, {size}): what the trunk saw for `features` |\n"
-    "| `colours` | `colours_out` | float32 (3, bins³): shares of the target's colours in the first frame, "
-    "and running means of them and of those around it |\n",
+    "| `colours` | `colours_out` | float32 (4, bins³): shares of the target's colours in the first frame, "
+    "running means of them and of those around it, and how much a pixel of each was the target's |\n",
+    "tint": "| `tint` | `tint_out` | float32 (5,): the target's mean colour, how much it varies, and the frames in "
+    "which both were learned |\n",
     "inside": "| `inside` | `inside_out` | float32 ({c}, 8, 8): a running mean of what the features in the box "
     "have beyond the mean of the first frame's window |\n",
 }

@@ -15,9 +15,8 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 
 from entrack import filter as cf
-from entrack.colour import DOUBT, INNER, OUTER, RARE, STRIDE
-from entrack.colour import LEAST as UNCHANGED
 from entrack.config import Config
+from entrack.interop.step_colour import Colouring
 from entrack.likeness import FURTHEST, WIDER
 from entrack.likeness import POINTS as POINTS_AROUND
 from entrack.policy import LOG_STD, OUTWARDS, Policy
@@ -86,8 +85,9 @@ class Step(nn.Module):
         self.remembered += ["first", "roi"] if self.keeps_first else []
         self.remembered += ["past"] if config.score.recalls else []
         self.remembered += ["turn"] if config.scale.every > 1 else []
-        self.remembered += ["colours"] if config.colour else []
+        self.remembered += ["colours", "tint"] if config.colour else []
         self.remembered += ["inside"] if config.likeness else []
+        self.colouring = Colouring(config.colour, n) if config.colour else None
         self.middle = half
         weights = {} if policy is None else _weights(policy, n)
         self.w = {name: torch.from_numpy(np.array(w, np.float32)) for name, w in weights.items()}
@@ -95,7 +95,7 @@ class Step(nn.Module):
     def forward(
         self, features: Tensor, box: Tensor, image: Tensor, first_size: Tensor, template: Tensor,
         score: Tensor, first: Tensor, roi: Tensor, past: Tensor, turn: Tensor, patches: Tensor,
-        colours: Tensor, inside: Tensor,
+        colours: Tensor, tint: Tensor, inside: Tensor,
     ) -> tuple[Tensor, ...]:  # fmt: skip
         """See the card that `export_model` writes."""
         config, new = self.config, (first_size[0] == 0).float()
@@ -114,9 +114,9 @@ class Step(nn.Module):
         rate = torch.maximum(new, self.rate(score)) if again else new
         template = (1 - rate) * template + rate * (features[0] * self.taper)  # eq. 14
         held = torch.cat([share, (size / first_size).log().float()])
-        if config.colour:
-            own, others = self.seen(self.codes(patches[0]), roi)
-            colours = colours + new * torch.stack([own, own, others])
+        if self.colouring:
+            first_colours, first_tint = self.colouring.first(patches[0], roi)
+            colours, tint = colours + new * first_colours, tint + new * first_tint
         if config.likeness:
             inside = inside + new * self.beyond(first, first, roi)
         move, seen, used, *sigma = self.answer(
@@ -135,17 +135,16 @@ class Step(nn.Module):
         seen |= {"leap": leap, "unrest": past[3].clamp_max(UNREST)}
         wide = window * self.zooms[used].double()
         place = torch.cat([(box[:2] - before) / wide + 0.5, size / wide]).float()
-        own = others = torch.zeros(())
-        if config.colour:
-            own, others = self.seen(self.codes(patches[1:][used][0]), place)
-            alike = (colours[0] * own).sqrt().sum()
-            seen["colour"] = (UNCHANGED + (1 - alike).clamp_min(0)).log()
+        coloured = None
+        if self.colouring:
+            coloured = self.colouring.see(patches[1:][used][0], place, colours)
+            seen["colour"] = self.colouring.change(colours, coloured[0])
+            leapt = (past[2].clamp_max(MOST) / LEAST).log1p()
+            seen["swap"] = self.colouring.strange(tint, coloured[2]) * leapt
         score = torch.sigmoid(self.total(seen))
         learns = (score >= config.update.min_score).float()
-        if config.colour:
-            rate = config.colour.rate * learns
-            mean = (1 - rate) * colours[1:] + rate * torch.stack([own, others])
-            colours = torch.cat([colours[:1], mean])
+        if self.colouring and coloured:
+            colours, tint = self.colouring.learn(colours, tint, coloured, score, learns)
         if config.likeness:
             rate = config.likeness.rate * learns
             z = features[1:][used][0]
@@ -161,7 +160,7 @@ class Step(nn.Module):
             "first_size": first_size.float(), "template": template, "score": score,
             "first": first, "roi": roi, "past": past,
             "turn": torch.where(turn > 0, turn - 1, config.scale.every - 1.0), "colours": colours,
-            "inside": inside,
+            "tint": tint, "inside": inside,
         }  # fmt: skip
         return box.float(), *sigma, *(memory[name] for name in self.remembered)
 
@@ -188,7 +187,10 @@ class Step(nn.Module):
         growth = grown.exp() if scale.between else 1 + grown
         growth = torch.where(turn > 0, 1.0, growth)
         if self.policy is None:
-            response = self.weigh(responses[best][0], patches[best][0], held[:2] / zoom, colours)
+            response = responses[best][0]
+            if self.colouring:
+                patch, size = patches[best][0], held[:2] / zoom
+                response = self.colouring.weigh(response, patch, size, colours)
             dx, dy, height, psr = self.peak(response)
             offset = torch.stack([dx, dy]) * zoom / self.n
             if self.config.likeness:
@@ -197,7 +199,9 @@ class Step(nn.Module):
             evidence = {"peak": height, "psr": psr.clamp_min(1e-3).log()}
             evidence |= self.compared(features[best][0], first, roi, held, zoom, offset, size)
             return torch.cat([offset, size]), evidence, best
-        response = self.weigh(responses[middle], patches[middle], held[:2], colours)
+        response = responses[middle]
+        if self.colouring:
+            response = self.colouring.weigh(response, patches[middle], held[:2], colours)
         _, _, height, psr = self.peak(response)
         mean, log_std = self.act(features[middle], response, held, first, roi)
         reach = self.policy.config.reach
@@ -301,48 +305,6 @@ class Step(nn.Module):
             "first": height, "unseen": 1 - (height / NOTHING).clamp(0, 1),
             "rival": rival.clamp(0, 2), "same": (seen * points).sum() / length,
         }  # fmt: skip
-
-    # -- entrack.colour --------------------------------------------------------------------------
-
-    def codes(self, patch: Tensor) -> Tensor:
-        """`colour.codes`: (S / 2, S / 2)."""
-        assert self.config.colour
-        bins = self.config.colour.bins
-        b, g, r = torch.floor(patch[:, ::STRIDE, ::STRIDE] / (256 // bins)).long()
-        return (b * bins + g) * bins + r
-
-    def seen(self, codes: Tensor, roi: Tensor) -> tuple[Tensor, Tensor]:
-        """`colour.Seen.of`: shares (bins³,) of colours inside and around a box."""
-        assert self.config.colour
-        none = torch.zeros(self.config.colour.bins**3)
-        x, y = roi[:2] + roi[2:] / 2
-        n, side = codes.shape[0], roi[2:]
-        inner, outer = [
-            self.covered(y[None], f * side[1], n).T * self.covered(x[None], f * side[0], n)
-            for f in (INNER, OUTER)
-        ]
-        counts = [none.scatter_add(0, codes.flatten(), w.flatten()) for w in (inner, 1 - outer)]
-        inside, around = [c / c.sum().clamp_min(1e-9) for c in counts]
-        return inside, around
-
-    def covered(self, centres: Tensor, length: Tensor, n: int) -> Tensor:
-        """`colour.covered`: (m, n)."""
-        middle = n * centres[:, None] - torch.arange(n)
-        half = n * length / 2
-        return (middle + half).clamp(0, 1) - (middle - half).clamp(0, 1)
-
-    def weigh(self, response: Tensor, patch: Tensor, size: Tensor, colours: Tensor) -> Tensor:
-        """`colour.Colours.weigh`."""
-        if self.config.colour is None:
-            return response
-        own, around, codes = (colours[0] + colours[1]) / 2, colours[2], self.codes(patch)
-        chance = own / (own + around + RARE)
-        places = torch.arange(self.n) / self.n + (0.5 - self.n // 2 / self.n)
-        columns, rows = [self.covered(places, INNER * side, codes.shape[0]) for side in size]
-        columns, rows = [c / c.sum(1, keepdim=True) for c in (columns, rows)]
-        found = rows @ chance[codes] @ columns.T + DOUBT
-        weight = (found / found.max()) ** self.config.colour.power
-        return torch.where(response > 0, weight * response, response)
 
     # -- entrack.filter --------------------------------------------------------------------------
 
