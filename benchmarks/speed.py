@@ -39,9 +39,9 @@ def tracking(nanotrack: Path | None) -> list[tuple[str, float, float]]:
         ("cf, three sizes, frames/s", three, 60),
         ("cf, one size, times CSRT", one / fps["opencv:csrt"], 1.5),
     ]
-    return rows + (
-        [("cf, one size, times NanoTrack", one / fps["opencv:nano"], 1)] * bool(nanotrack)
-    )
+    if nanotrack:
+        rows.append(("cf, one size, times NanoTrack", one / fps["opencv:nano"], 1))
+    return rows
 
 
 def command(video: Path, box: str) -> list[tuple[str, float, float]]:
