@@ -34,7 +34,7 @@ LEAST = 0.02
 """Differences far below it are none."""
 CORE = 0.7
 """Share of a box's sides within which its tint is seen."""
-STRANGE = 0.02
+OTHERS = 0.02
 """How much a pixel counts whose colour is not the target's."""
 DARK = 8
 """Grey levels that are added to a pixel's, for in the dark there is more noise than tint."""
@@ -104,7 +104,7 @@ class Seen:
         if not rows.any():
             return cls(inside, around, np.zeros(3, np.float32))
         part = np.ix_(rows, columns)
-        weights = core[part] * (chance[seen[part]] + np.float32(STRANGE))
+        weights = core[part] * (chance[seen[part]] + np.float32(OTHERS))
         logs = LOGS[patch[::STRIDE, ::STRIDE][part]].reshape(-1, 3)
         tint = weights.ravel() @ logs / weights.sum()
         return cls(inside, around, tint - tint.mean())

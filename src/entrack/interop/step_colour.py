@@ -12,11 +12,11 @@ from entrack.colour import (
     INNER,
     LEAST,
     OTHER,
+    OTHERS,
     OUTER,
     RARE,
     SLOW,
     STEADY,
-    STRANGE,
     STRIDE,
     SURE,
     YOUNG,
@@ -89,7 +89,7 @@ class Colouring:
 
     def tint(self, patch: Tensor, codes: Tensor, roi: Tensor, chance: Tensor) -> Tensor:
         """`colour.Seen.of`: the tint (3,) of a box."""
-        weights = self.within(roi, CORE, codes.shape[0]) * (chance[codes] + STRANGE)
+        weights = self.within(roi, CORE, codes.shape[0]) * (chance[codes] + OTHERS)
         logs = (weights * (patch[:, ::STRIDE, ::STRIDE] + DARK).log()).sum((1, 2))
         mean = logs / weights.sum().clamp_min(1e-9)
         return mean - mean.mean()
