@@ -18,6 +18,8 @@ from entrack.evaluation.ope import valid
 
 NAMED = ("psr", "unseen", "rival", "colour", "leap", "unrest", "swap")
 """The signals that count; others say less of footage that was left out of the fit."""
+HELD = -2.3267
+"""`bias` + `lost`: what a box that is held while its target is searched begins with."""
 MADE = "synthetic:hard,seed=1000,count=96"
 AFTER, BROKEN = (2, 15), 5
 """Frames after which a picture breaks, and for how many."""
@@ -65,7 +67,8 @@ def main() -> None:
     counts = np.array(SHARES)[seen.kinds] / np.bincount(seen.kinds)[seen.kinds]
     chosen = [SIGNALS.index(name) for name in NAMED]
     weights, bias = logistic(seen.signals[:, chosen], seen.hits, counts=counts / counts.mean())
-    for name, weight in zip(("bias", *NAMED), (bias, *weights), strict=True):
+    named = {"bias": bias, **dict(zip(NAMED, weights, strict=True)), "lost": HELD - bias}
+    for name, weight in named.items():
         print(f"{name} = {weight:.4f}")
 
 

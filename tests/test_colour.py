@@ -96,7 +96,7 @@ def test_a_tint_is_strange_by_how_much_it_varied_in_the_first_frames():
             colours = colours.learn(colours.see(picture, ROI), score=0.0)
         darker, other = (
             colours.strange(colours.see(patch(((0.5, 0.5), colour)), ROI))
-            for colour in ((36, 36, 180), (60, 40, 200))
+            for colour in ((20, 20, 100), (60, 40, 200))
         )
         assert darker < other  # the light's strength counts little
         return other

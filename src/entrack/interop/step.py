@@ -187,10 +187,7 @@ class Step(nn.Module):
         growth = grown.exp() if scale.between else 1 + grown
         growth = torch.where(turn > 0, 1.0, growth)
         if self.policy is None:
-            response = responses[best][0]
-            if self.colouring:
-                patch, size = patches[best][0], held[:2] / zoom
-                response = self.colouring.weigh(response, patch, size, colours)
+            response = self.weigh(responses[best][0], patches[best][0], held[:2] / zoom, colours)
             dx, dy, height, psr = self.peak(response)
             offset = torch.stack([dx, dy]) * zoom / self.n
             if self.config.likeness:
@@ -199,9 +196,7 @@ class Step(nn.Module):
             evidence = {"peak": height, "psr": psr.clamp_min(1e-3).log()}
             evidence |= self.compared(features[best][0], first, roi, held, zoom, offset, size)
             return torch.cat([offset, size]), evidence, best
-        response = responses[middle]
-        if self.colouring:
-            response = self.colouring.weigh(response, patches[middle], held[:2], colours)
+        response = self.weigh(responses[middle], patches[middle], held[:2], colours)
         _, _, height, psr = self.peak(response)
         mean, log_std = self.act(features[middle], response, held, first, roi)
         reach = self.policy.config.reach
@@ -217,6 +212,12 @@ class Step(nn.Module):
         evidence = {"peak": height, "psr": psr.clamp_min(1e-3).log(), "sigma": sigma.log().mean()}
         evidence |= self.compared(features[middle], first, roi, held, 1.0, offset, size)
         return torch.cat([offset, size]), evidence, torch.tensor([middle]), sigma
+
+    def weigh(self, response: Tensor, patch: Tensor, size: Tensor, colours: Tensor) -> Tensor:
+        """`Tracker._coloured`."""
+        if self.colouring is None:
+            return response
+        return self.colouring.weigh(response, patch, size, colours)
 
     def temper(self, size: Tensor, searched: Tensor) -> Tensor:
         """`Tracker._acted`: how much of the change of size is not the action's."""

@@ -38,7 +38,7 @@ class Colouring:
         """`colour.Colours.of`: colours and tint of the first frame's box."""
         codes = self.codes(patch)
         own, others = self.seen(codes, roi)
-        chance = own / (own + others + RARE)
+        chance = self.chance(own, others)
         tint = self.tint(patch, codes, roi, chance)
         rest = torch.tensor([STEADY, 1.0])
         return torch.stack([own, own, others, chance]), torch.cat([tint, rest])
@@ -87,6 +87,10 @@ class Colouring:
         inside, around = [c / c.sum().clamp_min(1e-9) for c in counts]
         return inside, around
 
+    def chance(self, own: Tensor, around: Tensor) -> Tensor:
+        """`colour.chance_of`."""
+        return own / (own + around + RARE)
+
     def tint(self, patch: Tensor, codes: Tensor, roi: Tensor, chance: Tensor) -> Tensor:
         """`colour.Seen.of`: the tint (3,) of a box."""
         weights = self.within(roi, CORE, codes.shape[0]) * (chance[codes] + OTHERS)
@@ -109,7 +113,7 @@ class Colouring:
     def weigh(self, response: Tensor, patch: Tensor, size: Tensor, colours: Tensor) -> Tensor:
         """`colour.Colours.weigh`."""
         own, around, codes = (colours[0] + colours[1]) / 2, colours[2], self.codes(patch)
-        chance = own / (own + around + RARE)
+        chance = self.chance(own, around)
         places = torch.arange(self.n) / self.n + (0.5 - self.n // 2 / self.n)
         columns, rows = [self.covered(places, INNER * side, codes.shape[0]) for side in size]
         columns, rows = [c / c.sum(1, keepdim=True) for c in (columns, rows)]
