@@ -9,9 +9,20 @@ from entrack import box as boxes
 from entrack import filter as cf
 from entrack import load
 from entrack.box import iou
-from entrack.config import Config, RecoveryConfig, ScoreConfig, UpdateConfig, Weights, WindowConfig
+from entrack.config import (
+    ColourConfig,
+    Config,
+    RecoveryConfig,
+    ScaleConfig,
+    ScoreConfig,
+    UpdateConfig,
+    Weights,
+    WindowConfig,
+    parse,
+)
+from entrack.errors import EntrackError
 from entrack.recovery import Past, Search, likeliest
-from entrack.tracker import Tracker
+from entrack.tracker import Estimate, Tracker
 from entrack.window import around
 from test_tracker import Averages, scene
 
@@ -177,6 +188,65 @@ def test_a_doubt_that_passes_starts_no_search():
         target.decide(score, HELD, ScoreConfig())
         searched.append(target.active)
     assert searched == [False] * 5 + [True]
+
+
+COMPARES = Config(
+    score=ScoreConfig(bias=4.0, unseen=-4.0, swap=-1.0, lost=-6.0),
+    colour=ColourConfig(power=0),
+    recovery=RecoveryConfig(glances=2),
+    scale=ScaleConfig(steps=1),
+)
+"""Sure of whatever looks like the target, unless it has leapt and has another tint."""
+
+
+def two(target: tuple[float, float] | None, other: tuple[float, float]) -> np.ndarray:
+    """The target, and one that looks like it in another tint."""
+    like = scene(other)
+    x, y = (int(v) for v in other)
+    like[y : y + 40, x : x + 40] = (like[y : y + 40, x : x + 40] * [0.7, 0.9, 1.0]).astype(np.uint8)
+    if target:
+        x, y = (int(v) for v in target)
+        like[y : y + 40, x : x + 40] = scene(target)[y : y + 40, x : x + 40]
+    return like
+
+
+def over_at_another(config: Config, target: tuple[float, float]) -> list[Estimate]:
+    """Go over to another that takes the target's place, while the target comes back elsewhere."""
+    t = Tracker(config, Averages())
+    t.init(scene((60, 100)), (60, 100, 40, 40))
+    for _ in range(40):
+        assert t.update(scene((60, 100))).score > 0.9
+    t.update(two(None, (80, 100)))
+    return [t.update(two(target, (80, 100))) for _ in range(25)]
+
+
+@pytest.mark.parametrize("target", [(130, 100), (190, 40)], ids=["in the window", "beyond it"])
+def test_who_has_the_target_s_tint_is_followed_instead_of_another(target: tuple[float, float]):
+    estimates = over_at_another(COMPARES, target)
+    right = [bool(iou(e.box, (*target, 40, 40)) > 0.7) for e in estimates]
+    assert right[-1] and not right[0] and sorted(right) == right
+    assert max(e.search[2] for e in estimates) > 1.1 * estimates[0].search[2]
+    kept = over_at_another(replace(COMPARES, recovery=RecoveryConfig()), target)
+    assert all(iou(e.box, (80, 100, 40, 40)) > 0.7 for e in kept)
+
+
+def test_one_of_the_same_tint_is_not_gone_over_to():
+    two_alike = np.maximum(scene((60, 100)), scene((150, 100)))
+    t = Tracker(replace(COMPARES, score=replace(COMPARES.score, bias=-1.0)), Averages())
+    t.init(two_alike, (60, 100, 40, 40))
+    for _ in range(30):
+        assert iou(t.update(two_alike).box, (60, 100, 40, 40)) > 0.9
+
+
+def test_a_challenger_has_to_lead_for_several_frames_in_a_row():
+    doubted = search(glances=2, wins=3, lead=0.5)
+    won = [doubted.compare(HELD, lead) for lead in (1.0, 1.0, 0.4, 1.0, 1.0, 1.0)]
+    assert won == [False] * 5 + [True]
+
+
+def test_comparing_needs_colours():
+    with pytest.raises(EntrackError, match=r"glances compares tints: add \[colour\]"):
+        parse(Config, {"recovery": {"glances": 1}}, "mine.toml")
 
 
 def test_a_glimpse_does_not_count_as_found():

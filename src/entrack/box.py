@@ -69,6 +69,17 @@ def intersection(a: ArrayLike, b: ArrayLike) -> Boxes:
     return np.concatenate([low, np.maximum(np.minimum(a[..., 2:], b[..., 2:]) - low, 0)], axis=-1)
 
 
+def union(a: ArrayLike, b: ArrayLike) -> Boxes:
+    """The smallest boxes (…, 4) around two.
+
+    >>> union([0, 0, 10, 10], [5, 5, 10, 20])
+    array([ 0.,  0., 15., 25.])
+    """
+    p, q = to_corners(a), to_corners(b)
+    low, high = np.minimum(p, q)[..., :2], np.maximum(p, q)[..., 2:]
+    return from_corners(np.concatenate([low, high], axis=-1))
+
+
 def iou(a: ArrayLike, b: ArrayLike) -> Boxes:
     """Intersection over union in [0, 1], shape (...); NaN where a box has NaN, 0 for empty boxes.
 

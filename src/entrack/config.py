@@ -217,6 +217,13 @@ class RecoveryConfig:
     looks: int = Field(default=4, ge=0, le=64)
     """Places looked at in each frame of a search, besides the box that is held and where it was
     lost."""
+    glances: int = Field(default=0, ge=0, le=64)
+    """Places looked at in a frame in which it does not search and has not been sure for `patience`
+    frames: is something else more like the target than what it follows? With `[colour]` only."""
+    lead: float = Field(default=0.5, ge=0)
+    """By how much the logit of its score has to be higher than that of what is followed …"""
+    wins: int = Field(default=3, ge=1, le=30)
+    """… and in how many frames in a row, until it is followed instead."""
     growth: float = Field(default=0.15, ge=0)
     """Sizes by which the search reaches further in each frame since the box that is held."""
     reach: float = Field(default=8.0, ge=0)
@@ -281,6 +288,12 @@ class Config:
     def _one_size(self) -> "Config":
         if self.likeness and self.scale.steps != 1:
             raise ValueError("the size comes from one look or from a search: set scale.steps to 1")
+        return self
+
+    @model_validator(mode="after")
+    def _tint(self) -> "Config":
+        if self.recovery and self.recovery.glances and not self.colour:
+            raise ValueError("recovery.glances compares tints: add [colour], or set it to 0")
         return self
 
 

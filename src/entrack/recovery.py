@@ -1,9 +1,11 @@
 """When in doubt: what a tracker remembers of the target's first look, and where it searches.
 
-Nothing of this moves a box while the score is high. When it is very low, the last box that was sure
-is held, and in each frame a bounded number of places is looked at, further and further away from
-there. The filter of the first frame, which never learns, says which of them is worth a closer look;
-there the tracker works as ever, and if its score stays higher, it has found the target.
+Nothing of this moves a box while the score is high. While it is not, a few places are looked at in
+each frame, and what is more like the target there than what is followed, for several frames, is
+followed instead. When the score is very low, the last box that was sure is held, and more places
+are looked at, further and further away from there. The filter of the first frame, which never
+learns, says which of them is worth a closer look; there the tracker works as ever, and if its score
+stays higher, it has found the target.
 """
 
 import math
@@ -37,6 +39,9 @@ FAINT = 0.02
 """A height below which a response says nothing."""
 POINTS = 6
 """Points a side at which the features in two boxes are compared."""
+NEARER = 0.5
+"""By how much less strange the tint of something else has to be than that of what is followed: two
+that have the target's tint are told apart by where they are, not by how they look."""
 ORIGIN = GROWN
 """Width of the taper around the first box, in units of its size: a target's own place in the first
 frame looks like the target to a filter that sees more, and is where it is not once it has moved."""
@@ -78,7 +83,7 @@ class Origin:
         `response` (n, n) is that of `weights`, in a window with features Z (C, n, n).
         """
         n = response.shape[-1]
-        apart = np.maximum(*np.abs(_away(n, boxes_.centre(window.to_patch(box)) * n / window.size)))
+        apart = _apart(n, box, window)
         first = float(response[apart <= HERE].max())
         rival = float(response[apart > ELSEWHERE].max()) / max(first, FAINT)
         seen = sample_box(features, box, window, POINTS) - self.mean
@@ -126,13 +131,29 @@ def _away(n: int, place: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.stack(np.broadcast_arrays(x, y[:, None]))
 
 
-def likeliest(responses: cf.Features, windows: list[Window], size: Boxes) -> Boxes:
+def _apart(n: int, box: Boxes, window: Window) -> NDArray[np.float64]:
+    """How many rows or columns each cell of a window's response is from a box's centre: (n, n)."""
+    return np.maximum(*np.abs(_away(n, boxes_.centre(window.to_patch(box)) * n / window.size)))
+
+
+def near(n: int) -> cf.Features:
+    """1 where a response (n, n) may be that of what is in the middle of the window, else 0."""
+    apart = np.maximum(*np.abs(_away(n, np.full(2, n / 2))))
+    return (apart <= ELSEWHERE).astype(np.float32)
+
+
+def likeliest(
+    responses: cf.Features, windows: list[Window], size: Boxes, other: Boxes | None = None
+) -> Boxes:
     """The box of `size` (2,) where windows (N) answer most, by their responses (N, n, n).
 
     Features are not tapered here, so that a target off the centre answers as well; what a flat
-    ground answers is left out of account.
+    ground answers is left out of account, and so is what is at the box `other`.
     """
     responses = responses - np.median(responses, axis=(1, 2), keepdims=True)
+    if other is not None:
+        apart = np.stack([_apart(responses.shape[-1], other, window) for window in windows])
+        responses = np.where(apart > ELSEWHERE, responses, responses.min())
     best = int(responses.max(axis=(1, 2)).argmax())
     window, peak = windows[best], cf.peak(responses[best])
     cell = window.box[2:] / responses.shape[-1]
@@ -172,6 +193,10 @@ class Search:
     """… this."""
     far: float = 0.0
     """How far from that box it looks for the target in this frame, in sizes."""
+    challenger: Boxes | None = None
+    """Something else, which may be the target rather than what is followed …"""
+    wins: int = 0
+    """… and has seemed to be for so many frames."""
     visited: dict[tuple[int, int], int] = field(default_factory=dict[tuple[int, int], int])
     """When each place was looked at last."""
 
@@ -212,7 +237,7 @@ class Search:
         self.unsure += 1
         if self.config and score >= self.config.sure_above:
             self.held, self.gone, self.unsure, self.visited = box.copy(), 0, 0, {}
-            self.held_past = self.past
+            self.held_past, self.challenger, self.wins = self.past, None, 0
 
     def decide(self, score: float, box: Boxes, limits: ScoreConfig) -> None:
         """Hear the score and the box of this frame."""
@@ -227,20 +252,36 @@ class Search:
                 self.left = box.copy()
         self.lost = score < (limits.found_above if self.lost else limits.lost_below) or self.active
 
+    @property
+    def doubting(self) -> bool:
+        """Whether it looks for something that is more like the target than what it follows."""
+        if self.active or not (self.config and self.config.glances):
+            return False
+        return self.unsure >= self.config.patience
+
+    def compare(self, challenger: Boxes, lead: float) -> bool:
+        """Hear where the challenger is, and its lead in logits; say whether to follow it now."""
+        assert self.config
+        self.wins = self.wins + 1 if lead > self.config.lead else 0
+        self.challenger = challenger if self.wins else None
+        return self.wins >= self.config.wins
+
     def restart(self, place: Boxes | None) -> Boxes:
         """Where to work in the next frame: at `place`, or where the target was last."""
         place = self.held.copy() if place is None else place
+        self.challenger, self.wins = None, 0
         self.step, self.past = np.zeros(2), self.held_past
         self.far = math.hypot(*(boxes_.centre(place) - boxes_.centre(self.held))) / self.size
         return place
 
     def places(self, frame: tuple[int, int]) -> list[Boxes]:
-        """Where to look for a lost target: at the held box, where it was lost, and around.
+        """Where else to look: for a lost target, where it was last, where it was lost, and around.
 
-        Of the at most `looks` places around, those that were not seen for longest come first, then
-        the nearest. `frame` is the picture's width and height.
+        Of the places around, at most `looks`, or `glances` if it is only doubted, those that were
+        not seen for longest come first, then the nearest. A challenger comes before all others.
+        `frame` is the picture's width and height.
         """
-        if not (self.active and self.config):
+        if not (self.config and (self.active or self.doubting)):
             return []
         stride, radius = self.config.stride * self.size, self.radius
         centre, steps = boxes_.centre(self.held), int(radius / stride)
@@ -248,21 +289,28 @@ class Search:
             (i, j)
             for i in range(-steps, steps + 1)
             for j in range(-steps, steps + 1)
-            if 0 < math.hypot(i, j) * stride <= radius
+            if math.hypot(i, j) * stride <= radius
             and -stride / 2 <= centre[0] + i * stride <= frame[0] + stride / 2
             and -stride / 2 <= centre[1] + j * stride <= frame[1] + stride / 2
         ]
         around.sort(key=lambda place: (self.visited.get(place, 0), math.hypot(*place)))
-        chosen = [(0, 0), *around[: self.config.looks]]
-        self.visited |= dict.fromkeys(chosen, self.gone)
+        if self.active:
+            around.remove((0, 0))
+            chosen = [(0, 0), *around[: self.config.looks]]
+        else:
+            chosen = around[: self.config.glances]
+        self.visited |= dict.fromkeys(chosen, self.unsure + self.gone)
         centres = [centre + np.array(place) * stride for place in chosen]
-        if self.left is not None:
+        if self.active and self.left is not None:
             centres.append(boxes_.centre(self.left))
+        if self.challenger is not None:
+            centres.insert(0, boxes_.centre(self.challenger))
         return [boxes_.from_centre(place, self.held[2:]) for place in centres]
 
     def area(self, window: Boxes) -> Boxes:
         """All that is searched (4,), with windows as large as `window`."""
-        if not self.active:
+        if not (self.active or self.doubting):
             return window
         reach = self.radius + np.asarray(window[2:]) / 2
-        return boxes_.from_centre(boxes_.centre(self.held), 2 * reach)
+        around = boxes_.from_centre(boxes_.centre(self.held), 2 * reach)
+        return around if self.active else boxes_.union(around, window)

@@ -1,7 +1,7 @@
 """What is known of one target: what the tracker says of it, saw of it, and remembers of it."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from entrack import filter as cf
 from entrack.box import Boxes
-from entrack.colour import Colours
+from entrack.colour import Colours, Seen
 from entrack.likeness import Likeness
-from entrack.recovery import Origin, Search
+from entrack.recovery import Origin, Past, Search
 from entrack.state import State
 from entrack.window import Image, Window
 
@@ -41,8 +41,10 @@ class Estimate:
 class Look:
     """What the tracker saw of one target in the last frame; for drawing and explaining."""
 
+    window: Window
+    """The search window."""
     patch: Image
-    """The search window's content (S, S, 3) uint8 BGR."""
+    """Its content (S, S, 3) uint8 BGR."""
     features: cf.Features
     """Z: (C, n, n) float32."""
     spectrum: cf.Spectrum
@@ -50,7 +52,7 @@ class Look:
     response: cf.Features
     """M: (n, n) float32, its peak at [n // 2, n // 2] for a target that has not moved (eq. 3)."""
     zoom: float = 1.0
-    """How much more of the image than the search window was looked at."""
+    """How much more of the image was looked at than `WindowConfig` says."""
     z: cf.Features | None = None
     """f1(Z) (C, n, n) (eq. 4); None for a model without a policy."""
     evidence: Mapping[str, float] = field(default_factory=dict[str, float])
@@ -88,11 +90,11 @@ class Target:
     state: State | None = None
     look: Look | None = None
     places: list[Window] = field(default_factory=list[Window])
-    """Where else it was looked for in the last frame, if it was lost, …"""
+    """Where else it was looked for in the last frame, if it was lost or doubted, …"""
     patches: list[Image] = field(default_factory=list[Image])
     """… what was seen there …"""
-    elsewhere: Boxes | None = None
-    """… and where in them it is most likely (4,)."""
+    elsewhere: list[cf.Features] = field(default_factory=list[cf.Features])
+    """… and Z of it."""
     unlearned: Image | None = None
     """The last frame at the new box, of which X' of eq. 14 is made together with the next Z."""
     waited: int = 0
@@ -105,9 +107,32 @@ class Target:
         """The box that is reported: while the target is searched, the last one that was sure."""
         return self.search.held if self.search.active else self.box
 
+    def coloured(self, look: Look) -> Look:
+        """The same with M weighed by colours, where they count."""
+        if self.colours is None:
+            return look
+        size = self.box[2:] / look.window.box[2:]
+        return replace(look, response=self.colours.weigh(look.response, look.patch, size))
+
+    def colours_in(self, look: Look, box: Boxes) -> Seen | None:
+        """The colours in a box, as far as it was in the window that was looked at."""
+        if self.colours is None:
+            return None
+        return self.colours.see(look.patch, look.window.to_patch(box) / look.window.size)
+
+    def recalled(self, past: Past, seen: Seen | None) -> dict[str, float]:
+        """What the score is computed from that takes a memory: of what has happened, of colours."""
+        evidence = past.evidence
+        if self.colours and seen:
+            evidence["colour"] = self.colours.change(seen)
+            evidence["swap"] = past.swap(self.colours.strange(seen))
+        return evidence
+
     def resize(self, ratio: NDArray[np.float64]) -> None:
         """Follow a change of the frame's size: `ratio` (4,)."""
         self.box, self.first = self.box * ratio, self.first * ratio
         self.search.held, self.search.step = self.search.held * ratio, self.search.step * ratio[:2]
         if self.search.left is not None:
             self.search.left = self.search.left * ratio
+        if self.search.challenger is not None:
+            self.search.challenger = self.search.challenger * ratio

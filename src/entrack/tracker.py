@@ -16,12 +16,12 @@ from entrack import box as boxes_
 from entrack import filter as cf
 from entrack import window as windows
 from entrack.box import Boxes
-from entrack.colour import Colours, Seen
+from entrack.colour import Colours
 from entrack.config import Config
 from entrack.errors import EntrackError
 from entrack.likeness import Likeness
 from entrack.policy import Policy
-from entrack.recovery import Origin, Search, likeliest
+from entrack.recovery import NEARER, Origin, Search, likeliest, near
 from entrack.state import State, held, shifted
 from entrack.target import Answer, Estimate, Look, Target
 from entrack.trunk import Trunk, each
@@ -199,29 +199,29 @@ class Tracker:
             # One by one: the trunk works on those that follow, and arrays of megabytes would be
             # new pages from the system in every frame, which cost more than the arithmetic.
             target.looks = [
-                self._look(target, next(features), patches.popleft(), zoom)
-                for zoom in self._zooms_of(target)
+                self._look(target, next(features), patches.popleft(), window, zoom)
+                for zoom, window in self._windows_of(target)
             ]
             target.look = target.looks[len(target.looks) // 2]
             if self.policy:
-                target.look = self._coloured(target, target.look)
+                target.look = target.coloured(target.look)
             target.state = self._state(target)
             if target.state:
                 target.look = replace(target.look, z=target.state.z)
-            target.elsewhere = self._elsewhere(target, list(islice(features, len(target.places))))
+            target.elsewhere = list(islice(features, len(target.places)))
         return [target.state for target in self._targets]
 
     def _patches(self, frame: windows.Image, kept: deque[windows.Image]) -> Iterator[windows.Image]:
         """What the trunk sees in a frame.
 
         For each target that is what is unlearned, what is looked at, which is `kept`, and places
-        where it may be besides, if it is lost.
+        where it may be besides, if it is lost or doubted.
         """
         for target in self._targets:
             if target.unlearned is not None:
                 yield target.unlearned
-            for zoom in self._zooms_of(target):
-                kept.append(self._patch(frame, target.box, zoom))
+            for _, window in self._windows_of(target):
+                kept.append(windows.crop(frame, window, self.config.window.border))
                 yield kept[-1]
             boxes = target.search.places(self._size)
             target.places = [windows.around(box, self.config.window) for box in boxes]
@@ -230,22 +230,21 @@ class Tracker:
                 target.patches.append(windows.crop(frame, window, self.config.window.border))
                 yield target.patches[-1]
 
-    def _zooms_of(self, target: Target) -> list[float]:
-        return [1.0] if target.turn else self._zooms
+    def _windows_of(self, target: Target) -> list[tuple[float, windows.Window]]:
+        """What is looked at around the last box, at every zoom that has its turn."""
+        zooms = [1.0] if target.turn else self._zooms
+        return [(zoom, windows.around(target.box, self.config.window, zoom)) for zoom in zooms]
 
     def _look(
-        self, target: Target, features: cf.Features, patch: windows.Image, zoom: float
+        self,
+        target: Target,
+        features: cf.Features,
+        patch: windows.Image,
+        window: windows.Window,
+        zoom: float = 1.0,
     ) -> Look:
         seen = cf.spectrum(features * self._taper)
-        return Look(patch, features, seen, self.respond(target.weights, seen), zoom)
-
-    def _coloured(self, target: Target, look: Look) -> Look:
-        """The same with M weighed by colours, where they count."""
-        if target.colours is None:
-            return look
-        window = windows.around(target.box, self.config.window, look.zoom)
-        size = target.box[2:] / window.box[2:]
-        return replace(look, response=target.colours.weigh(look.response, look.patch, size))
+        return Look(window, patch, features, seen, self.respond(target.weights, seen), zoom)
 
     @property
     def boxes(self) -> list[Boxes]:
@@ -269,16 +268,14 @@ class Tracker:
 
     def _follow_peak(self, target: Target) -> Answer:
         """Move and resize the box to where the response is highest: the filter alone."""
-        config = self.config
-        target.look = self._coloured(target, self._best(target))
-        zoom, response = target.look.zoom, target.look.response
-        window = windows.around(target.box, config.window, zoom)
+        target.look = target.coloured(self._best(target))
+        window, response = target.look.window, target.look.response
         peak = cf.peak(response, target.search.likely(target.box, window, response.shape[-1]))
         cell = window.box[2:] / response.shape[-1]
         centre = boxes_.centre(target.box) + np.array([peak.dx, peak.dy]) * cell
         centre, grown = self._fitted(target, centre)
         box = boxes_.from_centre(centre, target.box[2:] * grown)
-        return Answer(box, self._evidence(target, peak, box))
+        return Answer(box, self._evidence(target, target.look, peak, box))
 
     def _follow_policy(self, target: Target) -> Answer:
         """Take one action a_t ~ π(· | s_t) and add it to the box (eq. 7)."""
@@ -288,7 +285,7 @@ class Tracker:
         action = gaussian.action(self._rng if sampled else None)
         sides = np.tile(target.box[2:], 2)
         box = self._acted(target, action)
-        evidence = self._evidence(target, cf.peak(target.look.response), box)
+        evidence = self._evidence(target, target.look, cf.peak(target.look.response), box)
         evidence["sigma"] = float(np.log(gaussian.sigma).mean())
         return Answer(box, evidence, gaussian.sigma * sides, gaussian.entropy)
 
@@ -334,7 +331,7 @@ class Tracker:
         for target, action in zip(self._targets, given, strict=True):
             assert target.look is not None
             box, peak = self._acted(target, action), cf.peak(target.look.response)
-            self._move(target, Answer(box, self._evidence(target, peak, box)))
+            self._move(target, Answer(box, self._evidence(target, target.look, peak, box)))
         return self.boxes
 
     def _move(self, target: Target, answer: Answer) -> float:
@@ -351,14 +348,10 @@ class Tracker:
         step, side = centre - boxes_.centre(searched), math.sqrt(searched[2] * searched[3])
         seen = answer.evidence
         search.follow(step, side, seen.get("rival", 1.0))
-        evidence = seen | search.past.evidence
         assert self._frame is not None and target.look is not None
         learn, window = self.config.update, self.config.window
-        wide = windows.around(searched, window, target.look.zoom)
-        colours = self._colours(target, wide)
-        if target.colours and colours:
-            evidence["colour"] = target.colours.change(colours)
-            evidence["swap"] = search.past.swap(target.colours.strange(colours))
+        colours = target.colours_in(target.look, target.box)
+        evidence = seen | target.recalled(search.past, colours)
         score = config.chance(evidence) if sound else 0.0
         look = target.look = replace(target.look, evidence=evidence)
         search.decide(score, target.box, config)
@@ -366,62 +359,85 @@ class Tracker:
         if learns and target.colours and colours:
             target.colours = target.colours.learn(colours, score)
         if learns and target.likeness:
-            target.likeness = target.likeness.learn(look.features, target.box, wide)
+            target.likeness = target.likeness.learn(look.features, target.box, look.window)
         due = learns and learn.rate > 0 and target.waited + 1 >= learn.every
         target.waited, target.unlearned = 0 if due else target.waited + 1, None
         target.turn = (target.turn - 1) % self.config.scale.every
         if due and learn.seen == "again":
             target.unlearned = self._patch(self._frame, target.box)
         elif due:
-            x = shifted(look.features, wide, windows.around(target.box, window))
+            x = shifted(look.features, look.window, windows.around(target.box, window))
             self._learn(target, x * self._taper)
         return score
 
-    def _colours(self, target: Target, window: windows.Window) -> Seen | None:
-        """The colours in the new box, as far as it was in the window that was looked at."""
-        if target.colours is None or target.look is None:
-            return None
-        roi = window.to_patch(target.box) / window.size
-        return target.colours.see(target.look.patch, roi)
-
-    def _evidence(self, target: Target, peak: cf.Peak, box: Boxes) -> dict[str, float]:
-        """What the score is computed from, for a new box."""
-        look = target.look
-        assert look is not None
+    def _evidence(self, target: Target, look: Look, peak: cf.Peak, box: Boxes) -> dict[str, float]:
+        """What the features say of a box, for the score."""
         seen = {"peak": peak.height, "psr": float(np.log(max(peak.psr, 1e-3)))}
         if not self._compares or not np.isfinite(box).all():
             return seen
-        window = windows.around(target.box, self.config.window, look.zoom)
         response = self.respond(target.origin.weights, look.spectrum)
-        return seen | target.origin.evidence(response, look.features, box, window)
+        return seen | target.origin.evidence(response, look.features, box, look.window)
 
     def _recover(self, target: Target, score: float) -> float:
         """Hold on to what is sure, or go where a lost target may be; return the score to report."""
         search = target.search
         if not search.active:
             search.sure(target.box, score)
-            return score
+            return self._compare(target, score) if search.doubting else score
         if not search.confirmed:
-            target.box = search.restart(target.elsewhere)
+            target.box = search.restart(self._likeliest(target) if target.places else None)
         evidence = {"lost": 1.0, "gone": float(np.log(search.gone))}
         assert target.look is not None
         target.look = replace(target.look, evidence=evidence)
         return self.config.score.chance(evidence)
 
-    def _elsewhere(self, target: Target, features: list[cf.Features]) -> Boxes | None:
-        """Where a lost target is likeliest, of the places with these features."""
-        if not features:
-            return None
+    def _compare(self, target: Target, score: float) -> float:
+        """Go over to something else that is more like the target; return the score to report."""
+        search, look, colours = target.search, target.look, target.colours
+        if not (look and colours and target.places):
+            return score
+        if search.challenger is not None:
+            seen = target.elsewhere[0], target.patches[0], target.places[0]
+            there = target.coloured(self._look(target, *seen))
+            box = self._nearby(target, there)
+            own, other = target.colours_in(look, target.box), target.colours_in(there, box)
+            assert own and other
+            peak = cf.peak(there.response, near(len(there.response)))
+            evidence = self._evidence(target, there, peak, box)
+            evidence |= target.recalled(replace(search.past, leap=1.0), other)
+            nearer = colours.strange(own) - colours.strange(other) > NEARER
+            total = self.config.score.total
+            if search.compare(box, total(evidence) - total(look.evidence) if nearer else 0.0):
+                target.box, target.look = search.restart(box), replace(look, evidence=evidence)
+                return self.config.score.chance(evidence)
+        if search.challenger is None:
+            search.challenger = self._likeliest(target, besides=look)
+        return score
+
+    def _nearby(self, target: Target, look: Look) -> Boxes:
+        """The box about the middle of a window that looks most like the first."""
+        response = self.respond(target.origin.weights, look.spectrum)
+        peak = cf.peak(response, near(len(response)))
+        shift = np.array([peak.dx, peak.dy]) * look.window.box[2:] / len(response)
+        return boxes_.from_centre(boxes_.centre(look.window.box) + shift, target.search.held[2:])
+
+    def _likeliest(self, target: Target, besides: Look | None = None) -> Boxes:
+        """Where a target is likeliest: in the places looked at, or what is `besides` its box."""
+        places, patches, features = target.places, target.patches, target.elsewhere
+        if besides:
+            places, patches = [besides.window, *places], [besides.patch, *patches]
+            features = [besides.features, *features]
         # Of what was learned since, the target alone counts, too: its surroundings stay behind.
         recent = self.fit(target.template * target.origin.taper)
         seen = cf.spectrum(np.stack(features))
         responses: cf.Features = self.respond(target.origin.weights, seen)
         responses = (responses + self.respond(recent, seen)) / np.float32(2)
+        size, own = target.search.held[2:], target.box if besides else None
         if target.colours:
-            sizes = [target.search.held[2:] / window.box[2:] for window in target.places]
-            parts = zip(responses, target.patches, sizes, strict=True)
+            sizes = [size / window.box[2:] for window in places]
+            parts = zip(responses, patches, sizes, strict=True)
             responses = np.stack([target.colours.weigh(*part) for part in parts])
-        return likeliest(responses, target.places, target.search.held[2:])
+        return likeliest(responses, places, size, own)
 
     def _sigma(self, target: Target, answer: Answer) -> NDArray[np.float64] | None:
         """σ of the four sides in pixels: as `entrack calibrate` found it, or else the policy's."""
@@ -444,10 +460,10 @@ class Tracker:
         """M (n, n) of a candidate Ẑ (C, n, n // 2 + 1) (eq. 3)."""
         return cf.respond(weights, candidates)
 
-    def _patch(self, frame: windows.Image, box: Boxes, zoom: float = 1.0) -> windows.Image:
+    def _patch(self, frame: windows.Image, box: Boxes) -> windows.Image:
         """What the search window around `box` sees."""
         config = self.config.window
-        return windows.crop(frame, windows.around(box, config, zoom), config.border)
+        return windows.crop(frame, windows.around(box, config), config.border)
 
     def _features(self, patches: list[windows.Image]) -> cf.Features:
         """Z = g(d, I) of each patch (N, C, n, n)."""
