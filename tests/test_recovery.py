@@ -230,12 +230,18 @@ def test_who_has_the_target_s_tint_is_followed_instead_of_another(target: tuple[
     assert all(iou(e.box, (80, 100, 40, 40)) > 0.7 for e in kept)
 
 
-def test_one_of_the_same_tint_is_not_gone_over_to():
-    two_alike = np.maximum(scene((60, 100)), scene((150, 100)))
-    t = Tracker(replace(COMPARES, score=replace(COMPARES.score, bias=-1.0)), Averages())
-    t.init(two_alike, (60, 100, 40, 40))
-    for _ in range(30):
-        assert iou(t.update(two_alike).box, (60, 100, 40, 40)) > 0.9
+def test_one_of_the_same_tint_is_not_gone_over_to_while_the_target_is_half_hidden():
+    both = np.maximum(scene((60, 100)), scene((150, 100)))
+    hidden = both.copy()
+    hidden[122:145, 55:105] = GROUND[122:145, 55:105]
+    score = ScoreConfig(bias=-5.0, first=7.0, swap=-0.1, lost=-6.0)
+    t = Tracker(replace(COMPARES, score=score), Averages())
+    t.init(both, (60, 100, 40, 40))
+    for _ in range(35):
+        assert t.update(both).score > 0.5
+    doubted = [t.update(hidden) for _ in range(30)]
+    assert all(0.1 < e.score < 0.5 for e in doubted)
+    assert all(iou(e.box, (60, 100, 40, 40)) > 0.6 for e in doubted)
 
 
 def test_a_challenger_has_to_lead_for_several_frames_in_a_row():
