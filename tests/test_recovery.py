@@ -74,14 +74,17 @@ def test_the_search_window_grows_while_lost_and_shrinks_when_found():
     assert found.search[2] == pytest.approx(usual, rel=0.1)
 
 
+class Counts(Averages):
+    """Remembers how many patches it saw at once."""
+
+    most = 0
+
+    def __call__(self, patches: np.ndarray) -> np.ndarray:
+        self.most = max(self.most, len(patches))
+        return super().__call__(patches)
+
+
 def test_looks_are_bounded():
-    class Counts(Averages):
-        most = 0
-
-        def __call__(self, patches: np.ndarray) -> np.ndarray:
-            self.most = max(self.most, len(patches))
-            return super().__call__(patches)
-
     trunk = Counts()
     config = replace(SURE, recovery=RecoveryConfig(looks=3, patience=1))
     t = Tracker(config, trunk)
@@ -218,6 +221,15 @@ def over_at_another(config: Config, target: tuple[float, float]) -> list[Estimat
         assert t.update(scene((60, 100))).score > 0.9
     t.update(two(None, (80, 100)))
     return [t.update(two(target, (80, 100))) for _ in range(25)]
+
+
+def test_looks_are_bounded_while_the_target_is_doubted():
+    trunk = Counts()
+    t = Tracker(replace(COMPARES, score=ScoreConfig(bias=-1.0, lost=-6.0)), trunk)
+    t.init(scene((60, 100)), (60, 100, 40, 40))
+    for _ in range(40):
+        assert not t.update(scene((60, 100))).score > 0.5
+    assert trunk.most == 2 + 2 + 1  # X' and one size, two places, a challenger
 
 
 @pytest.mark.parametrize("target", [(130, 100), (190, 40)], ids=["in the window", "beyond it"])

@@ -32,7 +32,7 @@ class Estimate:
     entropy: float | None
     """Entropy of the policy, nats; None for a model without a policy."""
     search: Boxes
-    """The search window as a box (4,), which grows while the target is searched."""
+    """The search window as a box (4,), which grows while the target is searched or doubted."""
     ms: float
     """Milliseconds that the frame took, shared by all targets of the frame."""
 

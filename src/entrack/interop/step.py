@@ -214,7 +214,7 @@ class Step(nn.Module):
         return torch.cat([offset, size]), evidence, torch.tensor([middle]), sigma
 
     def weigh(self, response: Tensor, patch: Tensor, size: Tensor, colours: Tensor) -> Tensor:
-        """`Tracker._coloured`."""
+        """`target.Target.coloured`."""
         if self.colouring is None:
             return response
         return self.colouring.weigh(response, patch, size, colours)
