@@ -5,10 +5,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from entrack.box import moved
 from entrack.config import Config, PolicyConfig, ScaleConfig
 from entrack.errors import EntrackError
 from entrack.policy import Gaussian, Policy, load_policy
-from entrack.tracker import PLACES, Tracker, moved
+from entrack.tracker import PLACES, Tracker
 from test_tracker import Averages, scene
 
 torch = pytest.importorskip("torch")

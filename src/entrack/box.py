@@ -101,6 +101,18 @@ def clip(boxes: ArrayLike, width: float, height: float) -> Boxes:
     return intersection(boxes, [0, 0, width, height])
 
 
+def moved(box: ArrayLike, action: ArrayLike) -> Boxes:
+    """d_t = d_{t−1} + a_t (eq. 7): `action` (4,) moves the left, top, right and bottom side.
+
+    It is in units of the box's own width and height.
+
+    >>> moved([100, 100, 40, 80], [0.1, 0.1, 0.1, 0.2])
+    array([104., 108.,  40.,  88.])
+    """
+    b = np.asarray(box, np.float64)
+    return from_corners(to_corners(b) + np.asarray(action) * np.tile(b[2:], 2))
+
+
 def parse(text: str) -> Boxes:
     """Read `"X,Y,W,H"` as a user types it.
 
@@ -134,3 +146,21 @@ def check(box: Any) -> Boxes:
     if b[2] <= 0 or b[3] <= 0:
         raise EntrackError(f"a box needs a positive width and height, found {tuple(b.tolist())}")
     return b
+
+
+def inside(box: Any, width: float, height: float) -> Boxes:
+    """The part of `box` inside a frame, or one sentence that says why there is none.
+
+    >>> inside([-10, 5, 40, 20], 640, 360)
+    array([ 0.,  5., 30., 20.])
+
+    Raises
+    ------
+    EntrackError
+        If it is no box, or less than a pixel of it is in the frame.
+    """
+    given = check(box)
+    clipped = clip(given, width, height)
+    if clipped[2] < 1 or clipped[3] < 1:
+        raise EntrackError(f"box {tuple(given.tolist())} lies outside the {width}×{height} frame")
+    return clipped

@@ -14,7 +14,7 @@ from entrack.boxfiles import BoxWriter
 from entrack.datasets.frames import Image
 from entrack.draw import overlay
 from entrack.pipeline import Behind, ahead
-from entrack.tracker import Estimate, inside
+from entrack.tracker import Estimate
 from entrack.video import Frame, VideoWriter, open_source, written_size
 
 
@@ -92,7 +92,8 @@ def follow(
 
 def begin(tracker: ManyTracker, frame: Frame, boxes: Sequence[ArrayLike]) -> list[Estimate]:
     """Start on boxes; the estimates are the boxes, as far as they are in the picture."""
-    given = [inside(box, frame.image) for box in boxes]
+    height, width = frame.image.shape[:2]
+    given = [boxes_.inside(box, width, height) for box in boxes]
     began = time.perf_counter()
     tracker.init_many(frame.image, given)
     ms = 1e3 * (time.perf_counter() - began)

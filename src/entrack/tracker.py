@@ -19,14 +19,15 @@ from entrack.box import Boxes
 from entrack.colour import Colours
 from entrack.config import Config
 from entrack.errors import EntrackError
+from entrack.judge import Judge
 from entrack.likeness import Likeness
 from entrack.policy import Policy
-from entrack.recovery import NEARER, Origin, Search, likeliest, near
+from entrack.recovery import Origin, Search
 from entrack.state import State, held, shifted
 from entrack.target import Answer, Estimate, Look, Target
 from entrack.trunk import Trunk, each
 
-__all__ = ["PLACES", "Estimate", "Look", "Tracker", "inside", "moved"]
+__all__ = ["PLACES", "Estimate", "Look", "Tracker"]
 
 PLACES = 128
 """Centres and sizes are multiples of 1 / 128 pixel. Engines differ in the last bits of a float,
@@ -59,7 +60,7 @@ class Tracker:
         self._zooms: list[float] = (config.scale.factor ** np.arange(-half, half + 1.0)).tolist()
         self._sizes = np.log(np.array(self._zooms, np.float32))
         self._parabola = cf.parabola(self._sizes)
-        self._compares = any(w.compares for w in (config.score, config.spread) if w)
+        self._judge = Judge(config, self._taper, self.fit, self.respond)
         self._rng = np.random.default_rng(config.policy.seed if config.policy else 0)
 
     def init(self, image: Any, box: ArrayLike) -> None:
@@ -82,10 +83,11 @@ class Tracker:
     def init_many(self, image: Any, boxes: Iterable[ArrayLike]) -> None:
         """Start on several boxes (N, 4) at once; see `init`."""
         frame = self._frame = windows.as_bgr(image)
-        started = [inside(box, frame) for box in boxes]
+        size = frame.shape[1], frame.shape[0]
+        started = [boxes_.inside(box, *size) for box in boxes]
         if not started:
             raise EntrackError("there is no box to track")
-        self._size = (frame.shape[1], frame.shape[0])
+        self._size = size
         windows_ = [windows.around(box, self.config.window) for box in started]
         patches = [windows.crop(frame, w, self.config.window.border) for w in windows_]
         features = self._features(patches)
@@ -172,7 +174,7 @@ class Tracker:
         follow = self._follow_policy if self.policy else self._follow_peak
         answers = [follow(target) for target in self._targets]
         moves = [self._move(t, a) for t, a in zip(self._targets, answers, strict=True)]
-        scores = [self._recover(t, s) for t, s in zip(self._targets, moves, strict=True)]
+        scores = [self._judge.recover(t, s) for t, s in zip(self._targets, moves, strict=True)]
         ms = 1e3 * (time.perf_counter() - started)
         return [
             Estimate(t.told.copy(), score, t.search.lost, self._sigma(t, a), a.entropy, search, ms)
@@ -199,7 +201,7 @@ class Tracker:
             # One by one: the trunk works on those that follow, and arrays of megabytes would be
             # new pages from the system in every frame, which cost more than the arithmetic.
             target.looks = [
-                self._look(target, next(features), patches.popleft(), window, zoom)
+                self._judge.look(target, next(features), patches.popleft(), window, zoom)
                 for zoom, window in self._windows_of(target)
             ]
             target.look = target.looks[len(target.looks) // 2]
@@ -235,17 +237,6 @@ class Tracker:
         zooms = [1.0] if target.turn else self._zooms
         return [(zoom, windows.around(target.box, self.config.window, zoom)) for zoom in zooms]
 
-    def _look(
-        self,
-        target: Target,
-        features: cf.Features,
-        patch: windows.Image,
-        window: windows.Window,
-        zoom: float = 1.0,
-    ) -> Look:
-        seen = cf.spectrum(features * self._taper)
-        return Look(window, patch, features, seen, self.respond(target.weights, seen), zoom)
-
     @property
     def boxes(self) -> list[Boxes]:
         """The last box (4,) of each target."""
@@ -275,7 +266,7 @@ class Tracker:
         centre = boxes_.centre(target.box) + np.array([peak.dx, peak.dy]) * cell
         centre, grown = self._fitted(target, centre)
         box = boxes_.from_centre(centre, target.box[2:] * grown)
-        return Answer(box, self._evidence(target, target.look, peak, box))
+        return Answer(box, self._judge.evidence(target, target.look, peak, box))
 
     def _follow_policy(self, target: Target) -> Answer:
         """Take one action a_t ~ π(· | s_t) and add it to the box (eq. 7)."""
@@ -285,13 +276,13 @@ class Tracker:
         action = gaussian.action(self._rng if sampled else None)
         sides = np.tile(target.box[2:], 2)
         box = self._acted(target, action)
-        evidence = self._evidence(target, target.look, cf.peak(target.look.response), box)
+        evidence = self._judge.evidence(target, target.look, cf.peak(target.look.response), box)
         evidence["sigma"] = float(np.log(gaussian.sigma).mean())
         return Answer(box, evidence, gaussian.sigma * sides, gaussian.entropy)
 
     def _acted(self, target: Target, action: ArrayLike) -> Boxes:
         """d_t = d_{t−1} + a_t (eq. 7), tempered by likeness and scale search if so configured."""
-        box, config = moved(target.box, action), self.config.policy
+        box, config = boxes_.moved(target.box, action), self.config.policy
         if not config or not (config.search or config.keep_aspect or target.likeness):
             return box
         growth = np.log(np.maximum(box[2:], 1e-3) / target.box[2:])
@@ -331,7 +322,7 @@ class Tracker:
         for target, action in zip(self._targets, given, strict=True):
             assert target.look is not None
             box, peak = self._acted(target, action), cf.peak(target.look.response)
-            self._move(target, Answer(box, self._evidence(target, target.look, peak, box)))
+            self._move(target, Answer(box, self._judge.evidence(target, target.look, peak, box)))
         return self.boxes
 
     def _move(self, target: Target, answer: Answer) -> float:
@@ -369,75 +360,6 @@ class Tracker:
             x = shifted(look.features, look.window, windows.around(target.box, window))
             self._learn(target, x * self._taper)
         return score
-
-    def _evidence(self, target: Target, look: Look, peak: cf.Peak, box: Boxes) -> dict[str, float]:
-        """What the features say of a box, for the score."""
-        seen = {"peak": peak.height, "psr": float(np.log(max(peak.psr, 1e-3)))}
-        if not self._compares or not np.isfinite(box).all():
-            return seen
-        response = self.respond(target.origin.weights, look.spectrum)
-        return seen | target.origin.evidence(response, look.features, box, look.window)
-
-    def _recover(self, target: Target, score: float) -> float:
-        """Hold on to what is sure, or go where a lost target may be; return the score to report."""
-        search = target.search
-        if not search.active:
-            search.sure(target.box, score)
-            return self._compare(target, score) if search.doubting else score
-        if not search.confirmed:
-            target.box = search.restart(self._likeliest(target) if target.places else None)
-        evidence = {"lost": 1.0, "gone": float(np.log(search.gone))}
-        assert target.look is not None
-        target.look = replace(target.look, evidence=evidence)
-        return self.config.score.chance(evidence)
-
-    def _compare(self, target: Target, score: float) -> float:
-        """Go over to something else that is more like the target; return the score to report."""
-        search, look, colours = target.search, target.look, target.colours
-        if not (look and colours and target.places):
-            return score
-        if search.challenger is not None:
-            seen = target.elsewhere[0], target.patches[0], target.places[0]
-            there = target.coloured(self._look(target, *seen))
-            box = self._nearby(target, there)
-            own, other = target.colours_in(look, target.box), target.colours_in(there, box)
-            assert own and other
-            peak = cf.peak(there.response, near(len(there.response)))
-            evidence = self._evidence(target, there, peak, box)
-            evidence |= target.recalled(replace(search.past, leap=1.0), other)
-            nearer = colours.strange(own) - colours.strange(other) > NEARER
-            total = self.config.score.total
-            if search.compare(box, total(evidence) - total(look.evidence) if nearer else 0.0):
-                target.box, target.look = search.restart(box), replace(look, evidence=evidence)
-                return self.config.score.chance(evidence)
-        if search.challenger is None:
-            search.challenger = self._likeliest(target, besides=look)
-        return score
-
-    def _nearby(self, target: Target, look: Look) -> Boxes:
-        """The box about the middle of a window that looks most like the first."""
-        response = self.respond(target.origin.weights, look.spectrum)
-        peak = cf.peak(response, near(len(response)))
-        shift = np.array([peak.dx, peak.dy]) * look.window.box[2:] / len(response)
-        return boxes_.from_centre(boxes_.centre(look.window.box) + shift, target.search.held[2:])
-
-    def _likeliest(self, target: Target, besides: Look | None = None) -> Boxes:
-        """Where a target is likeliest: in the places looked at, or what is `besides` its box."""
-        places, patches, features = target.places, target.patches, target.elsewhere
-        if besides:
-            places, patches = [besides.window, *places], [besides.patch, *patches]
-            features = [besides.features, *features]
-        # Of what was learned since, the target alone counts, too: its surroundings stay behind.
-        recent = self.fit(target.template * target.origin.taper)
-        seen = cf.spectrum(np.stack(features))
-        responses: cf.Features = self.respond(target.origin.weights, seen)
-        responses = (responses + self.respond(recent, seen)) / np.float32(2)
-        size, own = target.search.held[2:], target.box if besides else None
-        if target.colours:
-            sizes = [size / window.box[2:] for window in places]
-            parts = zip(responses, patches, sizes, strict=True)
-            responses = np.stack([target.colours.weigh(*part) for part in parts])
-        return likeliest(responses, places, size, own)
 
     def _sigma(self, target: Target, answer: Answer) -> NDArray[np.float64] | None:
         """σ of the four sides in pixels: as `entrack calibrate` found it, or else the policy's."""
@@ -479,28 +401,6 @@ class Tracker:
             self._size = size
 
 
-def moved(box: ArrayLike, action: ArrayLike) -> Boxes:
-    """d_t = d_{t−1} + a_t (eq. 7): `action` (4,) moves the left, top, right and bottom side.
-
-    It is in units of the box's own width and height.
-
-    >>> moved([100, 100, 40, 80], [0.1, 0.1, 0.1, 0.2])
-    array([104., 108.,  40.,  88.])
-    """
-    b = np.asarray(box, np.float64)
-    return boxes_.from_corners(boxes_.to_corners(b) + np.asarray(action) * np.tile(b[2:], 2))
-
-
 def _heights(target: Target) -> NDArray[np.float32]:
     """How much each of the sizes that were looked at answers (k,)."""
     return np.array([look.response.max() for look in target.looks])
-
-
-def inside(box: Any, frame: windows.Image) -> Boxes:
-    """The part of `box` inside the frame, or one sentence that says why there is none."""
-    b = boxes_.check(box)
-    height, width = frame.shape[:2]
-    clipped = boxes_.clip(b, width, height)
-    if clipped[2] < 1 or clipped[3] < 1:
-        raise EntrackError(f"box {tuple(b.tolist())} lies outside the {width}×{height} frame")
-    return clipped

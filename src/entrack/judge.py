@@ -1,0 +1,109 @@
+"""What a look says of a box, and which of several is the target's.
+
+The tracker answers with one box. This says how much speaks for it; and, in doubt, whether something
+else is more like the target, or where a lost one is worth a closer look.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from entrack import box as boxes_
+from entrack import filter as cf
+from entrack.box import Boxes
+from entrack.config import Config
+from entrack.recovery import NEARER, likeliest, near
+from entrack.target import Look, Target
+from entrack.window import Image, Window
+
+
+class Judge:
+    """Sees with a tracker's filter: `fit` and `respond` are the tracker's, eqs. 2 and 3."""
+
+    def __init__(
+        self,
+        config: Config,
+        taper: cf.Features,
+        fit: Callable[[cf.Features], cf.Spectrum],
+        respond: Callable[[cf.Spectrum, cf.Spectrum], cf.Features],
+    ) -> None:
+        self.config = config
+        self._taper, self._fit, self._respond = taper, fit, respond
+        self._compares = any(w.compares for w in (config.score, config.spread) if w)
+
+    def look(
+        self, target: Target, features: cf.Features, patch: Image, window: Window, zoom: float = 1.0
+    ) -> Look:
+        """M (eq. 3) of Z (C, n, n) in a window."""
+        seen = cf.spectrum(features * self._taper)
+        return Look(window, patch, features, seen, self._respond(target.weights, seen), zoom)
+
+    def evidence(self, target: Target, look: Look, peak: cf.Peak, box: Boxes) -> dict[str, float]:
+        """What the features say of a box, for the score."""
+        seen = {"peak": peak.height, "psr": float(np.log(max(peak.psr, 1e-3)))}
+        if not self._compares or not np.isfinite(box).all():
+            return seen
+        response = self._respond(target.origin.weights, look.spectrum)
+        return seen | target.origin.evidence(response, look.features, box, look.window)
+
+    def recover(self, target: Target, score: float) -> float:
+        """Hold on to what is sure, or go where a lost target may be; return the score to report."""
+        search = target.search
+        if not search.active:
+            search.sure(target.box, score)
+            return self._compare(target, score) if search.doubting else score
+        if not search.confirmed:
+            target.box = search.restart(self._likeliest(target) if target.places else None)
+        evidence = {"lost": 1.0, "gone": float(np.log(search.gone))}
+        assert target.look is not None
+        target.look = replace(target.look, evidence=evidence)
+        return self.config.score.chance(evidence)
+
+    def _compare(self, target: Target, score: float) -> float:
+        """Go over to something else that is more like the target; return the score to report."""
+        search, look, colours = target.search, target.look, target.colours
+        if not (look and colours and target.places):
+            return score
+        if search.challenger is not None:
+            seen = target.elsewhere[0], target.patches[0], target.places[0]
+            there = target.coloured(self.look(target, *seen))
+            box = self._nearby(target, there)
+            own, other = target.colours_in(look, target.box), target.colours_in(there, box)
+            assert own and other
+            peak = cf.peak(there.response, near(len(there.response)))
+            evidence = self.evidence(target, there, peak, box)
+            evidence |= target.recalled(replace(search.past, leap=1.0), other)
+            nearer = colours.strange(own) - colours.strange(other) > NEARER
+            total = self.config.score.total
+            if search.compare(box, total(evidence) - total(look.evidence) if nearer else 0.0):
+                target.box, target.look = search.restart(box), replace(look, evidence=evidence)
+                return self.config.score.chance(evidence)
+        if search.challenger is None:
+            search.challenger = self._likeliest(target, besides=look)
+        return score
+
+    def _nearby(self, target: Target, look: Look) -> Boxes:
+        """The box about the middle of a window that looks most like the first."""
+        response = self._respond(target.origin.weights, look.spectrum)
+        peak = cf.peak(response, near(len(response)))
+        shift = np.array([peak.dx, peak.dy]) * look.window.box[2:] / len(response)
+        return boxes_.from_centre(boxes_.centre(look.window.box) + shift, target.search.held[2:])
+
+    def _likeliest(self, target: Target, besides: Look | None = None) -> Boxes:
+        """Where a target is likeliest: in the places looked at, or what is `besides` its box."""
+        places, patches, features = target.places, target.patches, target.elsewhere
+        if besides:
+            places, patches = [besides.window, *places], [besides.patch, *patches]
+            features = [besides.features, *features]
+        # Of what was learned since, the target alone counts, too: its surroundings stay behind.
+        recent = self._fit(target.template * target.origin.taper)
+        seen = cf.spectrum(np.stack(features))
+        responses: cf.Features = self._respond(target.origin.weights, seen)
+        responses = (responses + self._respond(recent, seen)) / np.float32(2)
+        size, own = target.search.held[2:], target.box if besides else None
+        if target.colours:
+            sizes = [size / window.box[2:] for window in places]
+            parts = zip(responses, patches, sizes, strict=True)
+            responses = np.stack([target.colours.weigh(*part) for part in parts])
+        return likeliest(responses, places, size, own)
