@@ -256,6 +256,25 @@ def test_one_of_the_same_tint_is_not_gone_over_to_while_the_target_is_half_hidde
     assert all(iou(e.box, (60, 100, 40, 40)) > 0.6 for e in doubted)
 
 
+def test_a_score_that_falls_is_doubted_and_one_that_is_modest_for_ever_is_not_for_long():
+    followed = search(glances=2, patience=3, sure_above=0.5, wary_below=0.75)
+
+    def doubted(score: float, frames: int) -> list[bool]:
+        states: list[bool] = []
+        for _ in range(frames):
+            followed.sure(HELD, score)
+            states.append(followed.doubting)
+            assert bool(followed.places((640, 360))) == followed.doubting
+        return states
+
+    assert not any(doubted(0.9, 60))
+    fallen = doubted(0.65, 150)
+    assert fallen[:10] == [False] * 2 + [True] * 8 and not any(fallen[100:])
+    assert doubted(0.45, 60)[2:] == [True] * 58  # not sure of it at all
+    assert not any(doubted(0.65, 20))
+    assert not any(doubted(0.9, 60)) and any(doubted(0.65, 3))
+
+
 def test_a_challenger_has_to_lead_for_several_frames_in_a_row():
     doubted = search(glances=2, wins=3, lead=0.5)
     won = [doubted.compare(HELD, lead) for lead in (1.0, 1.0, 0.4, 1.0, 1.0, 1.0)]

@@ -48,6 +48,10 @@ ALIKE, OTHER = 0.5, 20.0
 """Differences far below the one are none, and those above the other alike."""
 LOGS = np.log(np.arange(256, dtype=np.float32) + DARK)
 
+NEARER = 0.5
+"""By how much less strange the tint of something else has to be than that of what is followed: two
+that have the target's tint are told apart by where they are, not by how they look."""
+
 Codes = NDArray[np.uint16]
 Shares = NDArray[np.float32]
 
@@ -175,6 +179,10 @@ class Colours:
     def strange(self, seen: Seen) -> float:
         """How far the tint is from the first frames', by what is usual for this target; from 0."""
         return math.log1p(min(self._off(seen) / (STEADY + self.spread), OTHER) / ALIKE)
+
+    def nearer(self, seen: Seen, other: Seen) -> bool:
+        """Whether the tint is clearly less strange than the other's."""
+        return self.strange(other) - self.strange(seen) > NEARER
 
     def _off(self, seen: Seen) -> float:
         return float(np.linalg.norm(seen.tint - self.mean.tint))

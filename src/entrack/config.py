@@ -218,8 +218,11 @@ class RecoveryConfig:
     """Places looked at in each frame of a search, besides the box that is held and where it was
     lost."""
     glances: int = Field(default=0, ge=0, le=64)
-    """Places looked at in a frame in which it does not search and has not been sure for `patience`
-    frames: is something else more like the target than what it follows? With `[colour]` only."""
+    """Places looked at in a frame in which it does not search, but doubts: is something else more
+    like the target than what it follows? With `[colour]` only."""
+    wary_below: float = Field(default=0.75, ge=0, le=1)
+    """It doubts when the score has fallen below this, or is below `sure_above`, for `patience`
+    frames."""
     lead: float = Field(default=0.5, ge=0)
     """By how much the logit of its score has to be higher than that of what is followed …"""
     wins: int = Field(default=3, ge=1, le=30)

@@ -13,7 +13,7 @@ from entrack import box as boxes_
 from entrack import filter as cf
 from entrack.box import Boxes
 from entrack.config import Config
-from entrack.recovery import NEARER, likeliest, near
+from entrack.recovery import likeliest, near
 from entrack.target import Look, Target
 from entrack.window import Image, Window
 
@@ -74,9 +74,8 @@ class Judge:
             peak = cf.peak(there.response, near(len(there.response)))
             evidence = self.evidence(target, there, peak, box)
             evidence |= target.recalled(replace(search.past, leap=1.0), other)
-            nearer = colours.strange(own) - colours.strange(other) > NEARER
-            total = self.config.score.total
-            if search.compare(box, total(evidence) - total(look.evidence) if nearer else 0.0):
+            lead = self.config.score.total(evidence) - self.config.score.total(look.evidence)
+            if search.compare(box, lead if colours.nearer(other, own) else 0.0):
                 target.box, target.look = search.restart(box), replace(look, evidence=evidence)
                 return self.config.score.chance(evidence)
         if search.challenger is None:
@@ -98,12 +97,15 @@ class Judge:
             features = [besides.features, *features]
         # Of what was learned since, the target alone counts, too: its surroundings stay behind.
         recent = self._fit(target.template * target.origin.taper)
-        seen = cf.spectrum(np.stack(features))
-        responses: cf.Features = self._respond(target.origin.weights, seen)
-        responses = (responses + self._respond(recent, seen)) / np.float32(2)
+        both = [target.origin.weights, recent]
+        responses = np.stack([self._mean(both, cf.spectrum(z)) for z in features])
         size, own = target.search.held[2:], target.box if besides else None
         if target.colours:
             sizes = [size / window.box[2:] for window in places]
             parts = zip(responses, patches, sizes, strict=True)
             responses = np.stack([target.colours.weigh(*part) for part in parts])
         return likeliest(responses, places, size, own)
+
+    def _mean(self, filters: list[cf.Spectrum], candidate: cf.Spectrum) -> cf.Features:
+        """What several filters answer, in the mean."""
+        return np.mean([self._respond(weights, candidate) for weights in filters], axis=0)

@@ -35,13 +35,15 @@ UNREST = 0.2
 """… which does not count above this, in sizes."""
 NOTHING = 0.2
 """A height of the first look's response below which it is doubted that anything like it is seen."""
+USUAL = 0.02
+"""Share of a frame in the running mean of the score …"""
+FALL = 0.05
+"""… from which it has to fall by this to be doubted: footage whose score is modest throughout is no
+reason to look elsewhere in every frame."""
 FAINT = 0.02
 """A height below which a response says nothing."""
 POINTS = 6
 """Points a side at which the features in two boxes are compared."""
-NEARER = 0.5
-"""By how much less strange the tint of something else has to be than that of what is followed: two
-that have the target's tint are told apart by where they are, not by how they look."""
 ORIGIN = GROWN
 """Width of the taper around the first box, in units of its size: a target's own place in the first
 frame looks like the target to a filter that sees more, and is where it is not once it has moved."""
@@ -179,6 +181,10 @@ class Search:
     """Frames for which it has been searched."""
     unsure: int = 0
     """Frames between that box and the search, in which it was followed all the same."""
+    wary: int = 0
+    """Frames in a row in which it was followed, and doubted."""
+    usual: float = 1.0
+    """A running mean of the score."""
     doubted: int = 0
     """Frames in a row in which it seemed to be lost."""
     confirmed: int = 0
@@ -210,7 +216,7 @@ class Search:
         """How far from the held box's centre the target is searched, pixels."""
         if not self.config:
             return 0.0
-        frames = self.unsure + self.gone
+        frames = self.unsure + self.gone if self.active else self.wary
         return self.size * min(self.config.growth * frames, self.config.reach)
 
     def follow(self, step: NDArray[np.float64], size: float, rival: float = 1.0) -> None:
@@ -234,10 +240,12 @@ class Search:
 
     def sure(self, box: Boxes, score: float) -> None:
         """Come back to this box if the next ones are none, if the score is high enough for that."""
-        self.unsure += 1
+        self.unsure, self.wary, usual = self.unsure + 1, self.wary + 1, self.usual
+        self.usual += USUAL * (score - usual)
         if self.config and score >= self.config.sure_above:
-            self.held, self.gone, self.unsure, self.visited = box.copy(), 0, 0, {}
-            self.held_past, self.challenger, self.wins = self.past, None, 0
+            self.held, self.held_past, self.gone, self.unsure = box.copy(), self.past, 0, 0
+            if score >= min(self.config.wary_below, usual - FALL):
+                self.wary, self.visited, self.challenger, self.wins = 0, {}, None, 0
 
     def decide(self, score: float, box: Boxes, limits: ScoreConfig) -> None:
         """Hear the score and the box of this frame."""
@@ -257,7 +265,7 @@ class Search:
         """Whether it looks for something that is more like the target than what it follows."""
         if self.active or not (self.config and self.config.glances):
             return False
-        return self.unsure >= self.config.patience
+        return self.wary >= self.config.patience
 
     def compare(self, challenger: Boxes, lead: float) -> bool:
         """Hear where the challenger is, and its lead in logits; say whether to follow it now."""
@@ -299,7 +307,7 @@ class Search:
             chosen = [(0, 0), *around[: self.config.looks]]
         else:
             chosen = around[: self.config.glances]
-        self.visited |= dict.fromkeys(chosen, self.unsure + self.gone)
+        self.visited |= dict.fromkeys(chosen, self.wary + self.gone)
         centres = [centre + np.array(place) * stride for place in chosen]
         if self.active and self.left is not None:
             centres.append(boxes_.centre(self.left))
