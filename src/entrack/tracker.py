@@ -60,7 +60,6 @@ class Tracker:
         self._zooms: list[float] = (config.scale.factor ** np.arange(-half, half + 1.0)).tolist()
         self._sizes = np.log(np.array(self._zooms, np.float32))
         self._parabola = cf.parabola(self._sizes)
-        self._judge = Judge(config, self._taper, self.fit, self.respond)
         self._rng = np.random.default_rng(config.policy.seed if config.policy else 0)
 
     def init(self, image: Any, box: ArrayLike) -> None:
@@ -373,6 +372,11 @@ class Tracker:
         rate = 1 - (1 - self.config.update.rate) ** self.config.update.every
         target.template = cf.update(target.template, seen, rate)
         target.weights = self.fit(target.template)
+
+    @property
+    def _judge(self) -> Judge:
+        # One that is kept would hold the tracker, which holds it: memory that only a sweep frees.
+        return Judge(self.config, self._taper, self.fit, self.respond)
 
     def fit(self, template: cf.Features) -> cf.Spectrum:
         """Ŵ for a template (eq. 2); override it and `respond` to try another filter."""
