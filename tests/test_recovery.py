@@ -265,6 +265,7 @@ def test_a_score_that_falls_is_doubted_and_one_that_is_modest_for_ever_is_not_fo
             followed.sure(HELD, score)
             states.append(followed.doubting)
             assert bool(followed.places((640, 360))) == followed.doubting
+            assert (followed.area(HELD)[2] > HELD[2]) == followed.doubting
         return states
 
     assert not any(doubted(0.9, 60))

@@ -1,11 +1,11 @@
 """When in doubt: what a tracker remembers of the target's first look, and where it searches.
 
-Nothing of this moves a box while the score is high. While it is not, a few places are looked at in
-each frame, and what is more like the target there than what is followed, for several frames, is
-followed instead. When the score is very low, the last box that was sure is held, and more places
-are looked at, further and further away from there. The filter of the first frame, which never
-learns, says which of them is worth a closer look; there the tracker works as ever, and if its score
-stays higher, it has found the target.
+Nothing of this moves a box while the score is high. When it has fallen, or is low, a few places are
+looked at in each frame, and what is more like the target there than what is followed, for several
+frames, is followed instead. When the score is very low, the last box that was sure is held, and
+more places are looked at, further and further away from there. The filter of the first frame, which
+never learns, says which of them is worth a closer look; there the tracker works as ever, and if its
+score stays higher, it has found the target.
 """
 
 import math
@@ -35,15 +35,15 @@ UNREST = 0.2
 """… which does not count above this, in sizes."""
 NOTHING = 0.2
 """A height of the first look's response below which it is doubted that anything like it is seen."""
+FAINT = 0.02
+"""A height below which a response says nothing."""
+POINTS = 6
+"""Points a side at which the features in two boxes are compared."""
 USUAL = 0.02
 """Share of a frame in the running mean of the score …"""
 FALL = 0.05
 """… from which it has to fall by this to be doubted: footage whose score is modest throughout is no
 reason to look elsewhere in every frame."""
-FAINT = 0.02
-"""A height below which a response says nothing."""
-POINTS = 6
-"""Points a side at which the features in two boxes are compared."""
 ORIGIN = GROWN
 """Width of the taper around the first box, in units of its size: a target's own place in the first
 frame looks like the target to a filter that sees more, and is where it is not once it has moved."""
@@ -185,7 +185,7 @@ class Search:
     """Frames in a row in which it was followed, and doubted."""
     usual: float = 1.0
     """A running mean of the score."""
-    doubted: int = 0
+    missed: int = 0
     """Frames in a row in which it seemed to be lost."""
     confirmed: int = 0
     """Frames in a row in which it seemed to be found."""
@@ -239,7 +239,11 @@ class Search:
         return (self.config.jump + (1 - self.config.jump) * near).astype(np.float32)
 
     def sure(self, box: Boxes, score: float) -> None:
-        """Come back to this box if the next ones are none, if the score is high enough for that."""
+        """Hear the score of a box that is followed.
+
+        If it is high enough, that box is come back to if the next ones are none; if it is lower
+        than it should be, something else may be the target.
+        """
         self.unsure, self.wary, usual = self.unsure + 1, self.wary + 1, self.usual
         self.usual += USUAL * (score - usual)
         if self.config and score >= self.config.sure_above:
@@ -252,9 +256,9 @@ class Search:
         if self.config:
             enough = self.config.found_above if self.active else self.config.below
             self.confirmed = self.confirmed + 1 if score >= enough else 0
-            self.doubted = 0 if self.confirmed else self.doubted + 1
+            self.missed = 0 if self.confirmed else self.missed + 1
             few = self.confirmed < self.config.confirm
-            self.active = few if self.active else self.doubted >= self.config.patience
+            self.active = few if self.active else self.missed >= self.config.patience
             self.gone += self.active
             if self.active and self.gone == 1:
                 self.left = box.copy()
