@@ -85,6 +85,20 @@ class LikenessConfig:
 
 
 @dataclass(frozen=True, config=_STRICT)
+class AspectConfig:
+    """How the aspect ratio of the box that is told is found, see `entrack.aspect`."""
+
+    action: float = Field(default=2.0, ge=0)
+    """Logarithm of its change, for an action that would change it by a logarithm of 1 …"""
+    alike: float = Field(default=7.5, ge=0)
+    """… and for a difference of 1 between the cosines of a wider and of a narrower box."""
+    rate: float = Field(default=0.3, gt=0, le=1)
+    """Share of a frame in the running mean of both."""
+    slack: float = Field(default=0.1, ge=0)
+    """Logarithm up to which the mean is left out of account."""
+
+
+@dataclass(frozen=True, config=_STRICT)
 class UpdateConfig:
     """The template's running mean, eq. 14."""
 
@@ -227,6 +241,8 @@ class RecoveryConfig:
     """By how much the logit of its score has to be higher than that of what is followed …"""
     wins: int = Field(default=3, ge=1, le=30)
     """… and in how many frames in a row, until it is followed instead."""
+    watch: int = Field(default=60, ge=0)
+    """Frames for which others are compared with that one, too, however high its score."""
     growth: float = Field(default=0.15, ge=0)
     """Sizes by which the search reaches further in each frame since the box that is held."""
     reach: float = Field(default=8.0, ge=0)
@@ -274,6 +290,8 @@ class Config:
     scale: ScaleConfig = Field(default_factory=ScaleConfig)
     likeness: LikenessConfig | None = None
     """None leaves the size to the scale search; with it, `scale.steps` is 1."""
+    aspect: AspectConfig | None = None
+    """None tells the box as it is worked with. Not for training: there, a box is the action's."""
     update: UpdateConfig = Field(default_factory=UpdateConfig)
     score: ScoreConfig = UNFITTED
     colour: ColourConfig | None = None

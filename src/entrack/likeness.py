@@ -93,5 +93,10 @@ class Likeness:
     def _alike(self, features: Features, centre: Boxes, size: Boxes, window: Window) -> Features:
         """How like the target the boxes (k,) of these centres and sizes are."""
         seen = sample_boxes(features, boxes_.from_centre(centre, size), window, GRID) - self.around
-        length = np.linalg.norm(seen, axis=(1, 2)) * np.linalg.norm(self.inside)
-        return (seen * self.inside).sum(axis=(1, 2)) / np.maximum(length, np.float32(1e-9))
+        return cosines(seen, self.inside)
+
+
+def cosines(seen: Features, known: Features) -> Features:
+    """The cosines (k,) of several boxes' features (k, points, C) with those that are known."""
+    length = np.linalg.norm(seen, axis=(1, 2)) * np.linalg.norm(known)
+    return (seen * known).sum(axis=(1, 2)) / np.maximum(length, np.float32(1e-9))

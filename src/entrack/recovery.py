@@ -203,6 +203,8 @@ class Search:
     """Something else, which may be the target rather than what is followed …"""
     wins: int = 0
     """… and has seemed to be for so many frames."""
+    watched: int = 0
+    """Frames for which something else is doubted that is followed instead."""
     visited: dict[tuple[int, int], int] = field(default_factory=dict[tuple[int, int], int])
     """When each place was looked at last."""
 
@@ -242,13 +244,14 @@ class Search:
         """Hear the score of a box that is followed.
 
         If it is high enough, that box is come back to if the next ones are none; if it is lower
-        than it should be, something else may be the target.
+        than it should be, or follows another since lately, something else may be the target.
         """
         self.unsure, self.wary, usual = self.unsure + 1, self.wary + 1, self.usual
+        self.watched = max(self.watched - 1, 0)
         self.usual += USUAL * (score - usual)
         if self.config and score >= self.config.sure_above:
             self.held, self.held_past, self.gone, self.unsure = box.copy(), self.past, 0, 0
-            if score >= min(self.config.wary_below, usual - FALL):
+            if not self.watched and score >= min(self.config.wary_below, usual - FALL):
                 self.wary, self.visited, self.challenger, self.wins = 0, {}, None, 0
 
     def decide(self, score: float, box: Boxes, limits: ScoreConfig) -> None:
@@ -276,7 +279,9 @@ class Search:
         assert self.config
         self.wins = self.wins + 1 if lead > self.config.lead else 0
         self.challenger = challenger if self.wins else None
-        return self.wins >= self.config.wins
+        won = self.wins >= self.config.wins
+        self.watched = self.config.watch if won else self.watched
+        return won
 
     def restart(self, place: Boxes | None) -> Boxes:
         """Where to work in the next frame: at `place`, or where the target was last."""

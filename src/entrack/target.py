@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from entrack import filter as cf
+from entrack.aspect import Aspect
 from entrack.box import Boxes
 from entrack.colour import Colours, Seen
 from entrack.likeness import Likeness
@@ -67,6 +68,8 @@ class Answer(NamedTuple):
     """What the score is computed from; see `entrack.config.Weights`."""
     sigma: NDArray[np.float64] | None = None
     entropy: float | None = None
+    wider: float = 0.0
+    """How much wider than high the action would have made the box: a logarithm."""
 
 
 @dataclass
@@ -83,6 +86,8 @@ class Target:
     """None where the configuration leaves them to the trunk."""
     likeness: Likeness | None = None
     """None where the size is searched."""
+    aspect: Aspect | None = None
+    """None where the box is told as it is."""
     known: object = None
     """What the policy's f1 remembers of the first frame."""
     looks: list[Look] = field(default_factory=list[Look])
@@ -105,7 +110,8 @@ class Target:
     @property
     def told(self) -> Boxes:
         """The box that is reported: while the target is searched, the last one that was sure."""
-        return self.search.held if self.search.active else self.box
+        box = self.search.held if self.search.active else self.box
+        return self.aspect.stretch(box) if self.aspect else box.copy()
 
     def coloured(self, look: Look) -> Look:
         """The same with M weighed by colours, where they count."""

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from entrack import box as boxes_
 from entrack import filter as cf
 from entrack import window as windows
+from entrack.aspect import Aspect
 from entrack.box import Boxes
 from entrack.colour import Colours
 from entrack.config import Config
@@ -112,6 +113,8 @@ class Tracker:
             target.colours = Colours.of(patch, roi, self.config.colour)
         if self.config.likeness:
             target.likeness = Likeness.of(x, box, window, self.config.likeness)
+        if self.config.aspect:
+            target.aspect = Aspect.of(x, box, window, self.config.aspect)
         return target
 
     def add(self, box: ArrayLike, image: Any = None) -> int:
@@ -176,7 +179,7 @@ class Tracker:
         scores = [self._judge.recover(t, s) for t, s in zip(self._targets, moves, strict=True)]
         ms = 1e3 * (time.perf_counter() - started)
         return [
-            Estimate(t.told.copy(), score, t.search.lost, self._sigma(t, a), a.entropy, search, ms)
+            Estimate(t.told, score, t.search.lost, self._sigma(t, a), a.entropy, search, ms)
             for t, a, score, search in zip(self._targets, answers, scores, searches, strict=True)
         ]
 
@@ -239,7 +242,7 @@ class Tracker:
     @property
     def boxes(self) -> list[Boxes]:
         """The last box (4,) of each target."""
-        return [target.told.copy() for target in self._targets]
+        return [target.told for target in self._targets]
 
     def teach(self, image: Any, truth: ArrayLike) -> None:
         """Replace the only target's template by X_t = g(G_t, I_t), as training may (§3.2.5)."""
@@ -277,7 +280,8 @@ class Tracker:
         box = self._acted(target, action)
         evidence = self._judge.evidence(target, target.look, cf.peak(target.look.response), box)
         evidence["sigma"] = float(np.log(gaussian.sigma).mean())
-        return Answer(box, evidence, gaussian.sigma * sides, gaussian.entropy)
+        wider = _wider(target.box, boxes_.moved(target.box, action))
+        return Answer(box, evidence, gaussian.sigma * sides, gaussian.entropy, wider)
 
     def _acted(self, target: Target, action: ArrayLike) -> Boxes:
         """d_t = d_{t−1} + a_t (eq. 7), tempered by likeness and scale search if so configured."""
@@ -321,7 +325,9 @@ class Tracker:
         for target, action in zip(self._targets, given, strict=True):
             assert target.look is not None
             box, peak = self._acted(target, action), cf.peak(target.look.response)
-            self._move(target, Answer(box, self._judge.evidence(target, target.look, peak, box)))
+            evidence = self._judge.evidence(target, target.look, peak, box)
+            wider = _wider(target.box, boxes_.moved(target.box, action))
+            self._move(target, Answer(box, evidence, wider=wider))
         return self.boxes
 
     def _move(self, target: Target, answer: Answer) -> float:
@@ -350,6 +356,9 @@ class Tracker:
             target.colours = target.colours.learn(colours, score)
         if learns and target.likeness:
             target.likeness = target.likeness.learn(look.features, target.box, look.window)
+        if learns and target.aspect:
+            aspect, wider = target.aspect, answer.wider
+            target.aspect = aspect.then(look.features, target.box, look.window, wider)
         due = learns and learn.rate > 0 and target.waited + 1 >= learn.every
         target.waited, target.unlearned = 0 if due else target.waited + 1, None
         target.turn = (target.turn - 1) % self.config.scale.every
@@ -403,6 +412,12 @@ class Tracker:
             for target in self._targets:
                 target.resize(ratio)
             self._size = size
+
+
+def _wider(box: Boxes, other: Boxes) -> float:
+    """How much wider, for its height, another box is: the logarithm of the aspect ratios' ratio."""
+    w, h = np.log(np.maximum(other[2:], 1e-3) / box[2:]).tolist()
+    return w - h
 
 
 def _heights(target: Target) -> NDArray[np.float32]:

@@ -90,9 +90,9 @@ def _write_step(step: Step, c: int, path: Path) -> None:
         "features": (1 + k, c, n, n), "box": (4,), "image": (2,), "first_size": (2,),
         "template": (c, n, n), "score": (), "first": (c, n, n), "roi": (4,), "past": (4,),
         "turn": (), "patches": (1 + k, 3, side, side), "colours": (4, colour.bins**3 if colour else 1),
-        "tint": (5,), "inside": (c, GRID, GRID),
+        "tint": (5,), "inside": (c, GRID, GRID), "aspect": (),
     }  # fmt: skip
-    outputs = ["box_out"] + (["sigma"] if step.policy else [])
+    outputs = ["box_out", "told"] + (["sigma"] if step.policy else [])
     outputs += [f"{m}_out" for m in step.remembered]
     values = tuple(torch.rand(shape) for shape in shapes.values())
     with warnings.catch_warnings():
@@ -119,6 +119,8 @@ _MEMORY = {
     "which both were learned |\n",
     "inside": "| `inside` | `inside_out` | float32 ({c}, 8, 8): a running mean of what the features in the box "
     "have beyond the mean of the first frame's window |\n",
+    "aspect": "| `aspect` | `aspect_out` | float32 (): by what logarithm the target seems to be wider than its first "
+    "box, a running mean; `told` is stretched by it |\n",
 }
 _SIGMA = """
 `sigma`, float32 (4,): standard deviation of the left, top, right and bottom side, in units of the last box's size.

@@ -14,6 +14,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
+from entrack import aspect as aspects
 from entrack import filter as cf
 from entrack.config import Config
 from entrack.interop.step_colour import Colouring
@@ -80,13 +81,15 @@ class Step(nn.Module):
             self.register_buffer(name, torch.from_numpy(np.array(array, np.float32)))
         self.compares = config.score.compares
         self.remembers = policy is not None and isinstance(policy.f1, Conditioned)
-        self.keeps_first = self.remembers or self.compares or config.likeness is not None
+        self.keeps_first = self.remembers or self.compares
+        self.keeps_first |= config.likeness is not None or config.aspect is not None
         self.remembered = ["first_size", "template", "score"]
         self.remembered += ["first", "roi"] if self.keeps_first else []
         self.remembered += ["past"] if config.score.recalls else []
         self.remembered += ["turn"] if config.scale.every > 1 else []
         self.remembered += ["colours", "tint"] if config.colour else []
         self.remembered += ["inside"] if config.likeness else []
+        self.remembered += ["aspect"] if config.aspect else []
         self.colouring = Colouring(config.colour, n) if config.colour else None
         self.middle = half
         weights = {} if policy is None else _weights(policy, n)
@@ -95,7 +98,7 @@ class Step(nn.Module):
     def forward(
         self, features: Tensor, box: Tensor, image: Tensor, first_size: Tensor, template: Tensor,
         score: Tensor, first: Tensor, roi: Tensor, past: Tensor, turn: Tensor, patches: Tensor,
-        colours: Tensor, tint: Tensor, inside: Tensor,
+        colours: Tensor, tint: Tensor, inside: Tensor, aspect: Tensor,
     ) -> tuple[Tensor, ...]:  # fmt: skip
         """See the card that `export_model` writes."""
         config, new = self.config, (first_size[0] == 0).float()
@@ -119,7 +122,7 @@ class Step(nn.Module):
             colours, tint = colours + new * first_colours, tint + new * first_tint
         if config.likeness:
             inside = inside + new * self.beyond(first, first, roi)
-        move, seen, used, *sigma = self.answer(
+        move, seen, used, wider, *sigma = self.answer(
             template, features[1:], held, first, roi, turn, patches[1:], colours, inside
         )
         before, last = box[:2] + size / 2, size.prod().sqrt()
@@ -149,6 +152,10 @@ class Step(nn.Module):
             rate = config.likeness.rate * learns
             z = features[1:][used][0]
             inside = (1 - rate) * inside + rate * self.beyond(z, first, place)
+        if config.aspect:
+            found = self.looks_wider(features[1:][used][0], first, roi, place)
+            found = config.aspect.action * wider + config.aspect.alike * found
+            aspect = aspect + config.aspect.rate * learns * (found - aspect)
         if not again:
             side = size.prod().sqrt().expand(2) if config.window.shape == "square" else size
             side = side * config.window.context
@@ -160,9 +167,10 @@ class Step(nn.Module):
             "first_size": first_size.float(), "template": template, "score": score,
             "first": first, "roi": roi, "past": past,
             "turn": torch.where(turn > 0, turn - 1, config.scale.every - 1.0), "colours": colours,
-            "tint": tint, "inside": inside,
+            "tint": tint, "inside": inside, "aspect": aspect,
         }  # fmt: skip
-        return box.float(), *sigma, *(memory[name] for name in self.remembered)
+        told = self.stretched(box, aspect) if config.aspect else box
+        return box.float(), told.float(), *sigma, *(memory[name] for name in self.remembered)
 
     def rate(self, score: Tensor) -> Tensor:
         """θ of eq. 14, where the score is high enough."""
@@ -176,7 +184,7 @@ class Step(nn.Module):
         """What is found in this frame's features.
 
         How far the box moves and grows (4,), in windows and sizes; the evidence for the score; the
-        index (1,) of the size that was used; maybe σ.
+        index (1,) of the size that was used; how much wider the action makes it; maybe σ.
         """
         responses = self.respond(template, features * self.taper)
         middle, heights = self.middle, responses.amax((1, 2))
@@ -195,7 +203,7 @@ class Step(nn.Module):
             size = torch.cat([growth, growth])
             evidence = {"peak": height, "psr": psr.clamp_min(1e-3).log()}
             evidence |= self.compared(features[best][0], first, roi, held, zoom, offset, size)
-            return torch.cat([offset, size]), evidence, best
+            return torch.cat([offset, size]), evidence, best, torch.zeros(())
         response = self.weigh(responses[middle], patches[middle], held[:2], colours)
         _, _, height, psr = self.peak(response)
         mean, log_std = self.act(features[middle], response, held, first, roi)
@@ -208,10 +216,10 @@ class Step(nn.Module):
         offset = (low + high) / 2 * held[:2]
         if self.config.likeness:
             offset, growth = self.fit(features[middle], held, first, roi, offset, inside)
-        size = self.temper(high - low, growth)
+        size, (w, h) = self.temper(high - low, growth), (high - low).clamp_min(1e-6).log()
         evidence = {"peak": height, "psr": psr.clamp_min(1e-3).log(), "sigma": sigma.log().mean()}
         evidence |= self.compared(features[middle], first, roi, held, 1.0, offset, size)
-        return torch.cat([offset, size]), evidence, torch.tensor([middle]), sigma
+        return torch.cat([offset, size]), evidence, torch.tensor([middle]), w - h, sigma
 
     def weigh(self, response: Tensor, patch: Tensor, size: Tensor, colours: Tensor) -> Tensor:
         """`target.Target.coloured`."""
@@ -229,6 +237,25 @@ class Step(nn.Module):
         if config.keep_aspect:
             growth = growth.mean(0, keepdim=True).expand(2)
         return torch.exp((1 - config.search) * growth + config.search * searched.log())
+
+    def stretched(self, box: Tensor, mean: Tensor) -> Tensor:
+        """`aspect.Aspect.stretch`."""
+        assert self.config.aspect
+        change = (mean.abs() - self.config.aspect.slack).clamp(0, aspects.MOST) * mean.sign()
+        half = torch.stack([change, -change]).double() / 2
+        centre, size = box[:2] + box[2:] / 2, box[2:] * half.exp()
+        return torch.cat([centre - size / 2, size])
+
+    def looks_wider(self, z: Tensor, first: Tensor, roi: Tensor, place: Tensor) -> Tensor:
+        """`aspect.Aspect.then`: how much more a wider box looks like the first."""
+        known, centre = self.beyond(first, first, roi), place[:2] + place[2:] / 2
+
+        def alike(step: float) -> Tensor:
+            size = place[2:] * torch.tensor([step, -step]).exp()
+            seen = self.beyond(z, first, torch.cat([centre - size / 2, size]))
+            return (seen * known).sum() / (seen.norm() * known.norm()).clamp_min(1e-9)
+
+        return alike(aspects.STEP / 2) - alike(-aspects.STEP / 2)
 
     def beyond(self, z: Tensor, first: Tensor, roi: Tensor, points: int = GRID) -> Tensor:
         """What the points of a box have beyond the first window's mean: (C, points, points)."""

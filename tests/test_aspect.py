@@ -1,0 +1,92 @@
+"""The aspect ratio that is told: found afresh in every look, and worked with in none."""
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+import entrack
+from entrack.aspect import MOST, Aspect
+from entrack.box import area, centre
+from entrack.config import AspectConfig
+from entrack.filter import Features
+from entrack.tracker import Tracker
+from entrack.window import Image, Window
+
+WINDOW = Window(0.0, 0.0, 288.0, 288.0, 288)
+BOX = np.array([96.0, 96.0, 96.0, 96.0])
+
+
+@pytest.fixture(scope="module")
+def default() -> Tracker:
+    return entrack.load("default", threads=1)
+
+
+def _picture(wider: float) -> Image:
+    """A patterned plate of 60 × 60 pixels before a ground, made `wider` for its height."""
+    rng = np.random.default_rng(3)
+    ground = cv2.resize(rng.integers(60, 120, (12, 16, 3), dtype=np.uint8), (320, 240))
+    plate = cv2.resize(rng.integers(0, 256, (5, 5, 3), dtype=np.uint8), (60, 60))
+    w, h = round(60 * np.sqrt(wider)), round(60 / np.sqrt(wider))
+    x, y = 160 - w // 2, 120 - h // 2
+    ground[y : y + h, x : x + w] = cv2.resize(plate, (w, h))
+    return ground
+
+
+def _features() -> Features:
+    return np.random.default_rng(0).normal(size=(8, 18, 18)).astype(np.float32)
+
+
+def _aspect(mean: float) -> Aspect:
+    return replace(Aspect.of(_features(), BOX, WINDOW, AspectConfig()), mean=mean)
+
+
+@pytest.mark.parametrize("wider", [1.8, 1 / 1.8])
+def test_a_target_that_is_stretched_has_a_box_that_is(default: Tracker, wider: float) -> None:
+    steps = np.exp(np.linspace(0, np.log(wider), 25))
+    default.init(_picture(1.0), (130, 90, 60, 60))
+    for step in [*steps, *[wider] * 10]:
+        told = default.update(_picture(step)).box
+    kept = default._targets[0].box
+    np.testing.assert_allclose(kept[2] / kept[3], 1, atol=0.02)
+    assert 0.3 < np.log(told[2] / told[3]) / np.log(wider) < 1.3
+
+
+def test_what_is_told_changes_no_look(default: Tracker) -> None:
+    plain = Tracker(replace(default.config, aspect=None), default.trunk, default.policy)
+    for tracker in (default, plain):
+        tracker.init(_picture(1.0), (130, 90, 60, 60))
+    for step in np.linspace(1, 1.8, 15):
+        told, kept = (tracker.update(_picture(step)) for tracker in (default, plain))
+        assert told.score == kept.score
+        np.testing.assert_array_equal(default._targets[0].box, kept.box)
+    assert told.box[2] / told.box[3] > kept.box[2] / kept.box[3] + 0.1
+
+
+def test_a_stretched_box_keeps_its_centre_and_area() -> None:
+    box = np.array([10.0, 20.0, 30.0, 60.0])
+    told = _aspect(0.5).stretch(box)
+    np.testing.assert_allclose(centre(told), centre(box))
+    assert area(told) == pytest.approx(area(box))
+    assert np.log(told[2] / told[3] * 2) == pytest.approx(0.4)  # less the slack
+
+
+@pytest.mark.parametrize(("mean", "change"), [(0.09, 0.0), (-0.1, 0.0), (-0.3, -0.2), (3.0, MOST)])
+def test_small_changes_are_none_and_large_ones_end(mean: float, change: float) -> None:
+    assert _aspect(mean).change == pytest.approx(change)
+
+
+def test_the_first_look_finds_no_change_and_the_action_tells_one() -> None:
+    aspect = _aspect(0.0)
+    symmetric = aspect.then(np.ones((8, 18, 18), np.float32), BOX, WINDOW, 0.0)
+    assert symmetric.mean == pytest.approx(0)
+    wider = aspect.then(np.ones((8, 18, 18), np.float32), BOX, WINDOW, 0.2)
+    assert wider.mean == pytest.approx(aspect.config.rate * aspect.config.action * 0.2)
+
+
+@pytest.mark.filterwarnings("ignore:invalid value")
+def test_a_network_that_overflowed_tells_nothing() -> None:
+    aspect = _aspect(0.4)
+    assert aspect.then(_features(), BOX, WINDOW, float("nan")) == aspect
+    assert aspect.then(_features() * np.float32(np.inf), BOX, WINDOW, 0.0).mean == aspect.mean
