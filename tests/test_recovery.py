@@ -282,6 +282,20 @@ def test_a_challenger_has_to_lead_for_several_frames_in_a_row():
     assert won == [False] * 5 + [True]
 
 
+def test_who_has_gone_over_to_another_compares_on_for_a_while():
+    doubted = search(glances=2, wins=1, watch=5, patience=2)
+    for _ in range(2):
+        doubted.sure(HELD, 0.6)
+    doubted.usual = 0.6
+    assert doubted.doubting and doubted.compare(HELD, lead=1.0)
+    doubted.restart(HELD)
+    doubting: list[bool] = []
+    for _ in range(7):
+        doubted.sure(HELD, 0.95)
+        doubting.append(doubted.doubting)
+    assert doubting == [True] * 4 + [False] * 3
+
+
 def test_comparing_needs_colours():
     with pytest.raises(EntrackError, match=r"glances compares tints: add \[colour\]"):
         parse(Config, {"recovery": {"glances": 1}}, "mine.toml")

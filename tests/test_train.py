@@ -97,14 +97,16 @@ def test_the_last_step_fits_the_score_and_switches_the_search_on(
     _, run, _ = trained
     config = tmp_path / "finished.toml"
     config.write_text(
-        TINY.replace("rounds = 2", "rounds = 0") + "[finish]\nmade = 1\nframes = 12\n"
+        TINY.replace("rounds = 2", "rounds = 0").replace("reach =", "keep_aspect = true\nreach =")
+        + "[finish]\nmade = 1\nframes = 12\n"
     )
     training = train(config, clips, tmp_path / "run")
     before, after = load_model(run / "model").config, load_model(tmp_path / "run" / "model").config
     assert "score" not in training.failed
     assert after.recovery is not None and after.spread is not None and after.update.min_score == 0.3
     assert after.score.bias != before.score.bias
-    assert after.policy == before.policy and before.recovery is None
+    assert after.policy and after.policy.keep_aspect and after.aspect is not None
+    assert before.recovery is None and before.aspect is None
 
 
 @pytest.mark.xdist_group("ray")

@@ -88,13 +88,13 @@ class LikenessConfig:
 class AspectConfig:
     """How the aspect ratio of the box that is told is found, see `entrack.aspect`."""
 
-    action: float = Field(default=2.0, ge=0)
+    action: float = Field(default=1.0, ge=0)
     """Logarithm of its change, for an action that would change it by a logarithm of 1 …"""
-    alike: float = Field(default=7.5, ge=0)
+    alike: float = Field(default=9.0, ge=0)
     """… and for a difference of 1 between the cosines of a wider and of a narrower box."""
     rate: float = Field(default=0.3, gt=0, le=1)
     """Share of a frame in the running mean of both."""
-    slack: float = Field(default=0.1, ge=0)
+    slack: float = Field(default=0.15, ge=0)
     """Logarithm up to which the mean is left out of account."""
 
 
@@ -291,7 +291,7 @@ class Config:
     likeness: LikenessConfig | None = None
     """None leaves the size to the scale search; with it, `scale.steps` is 1."""
     aspect: AspectConfig | None = None
-    """None tells the box as it is worked with. Not for training: there, a box is the action's."""
+    """None tells the box as it is worked with."""
     update: UpdateConfig = Field(default_factory=UpdateConfig)
     score: ScoreConfig = UNFITTED
     colour: ColourConfig | None = None
@@ -309,6 +309,12 @@ class Config:
     def _one_size(self) -> "Config":
         if self.likeness and self.scale.steps != 1:
             raise ValueError("the size comes from one look or from a search: set scale.steps to 1")
+        return self
+
+    @model_validator(mode="after")
+    def _one_aspect(self) -> "Config":
+        if self.aspect and self.policy and not self.policy.keep_aspect:
+            raise ValueError("aspect stretches boxes that keep theirs: set policy.keep_aspect")
         return self
 
     @model_validator(mode="after")

@@ -7,7 +7,7 @@ from pydantic import ConfigDict, Field
 from pydantic.dataclasses import dataclass
 
 from entrack.calibrate import configured, fit_tracker
-from entrack.config import Config, RecoveryConfig, Weights
+from entrack.config import AspectConfig, Config, RecoveryConfig, Weights
 from entrack.datasets.sequence import Sequence
 from entrack.datasets.synthetic import hard_plan, hard_sequence
 from entrack.tracker import Tracker
@@ -25,6 +25,8 @@ class FinishConfig:
     """Frames of each sequence and clip."""
     min_score: float = Field(default=0.3, ge=0, le=1)
     """See `UpdateConfig`; while a policy learns, it sees what its own mistakes lead to."""
+    aspect: AspectConfig | None = Field(default_factory=AspectConfig)
+    """See `Config`, for a policy that keeps the aspect; while it learns, a box is the action's."""
     recovery: RecoveryConfig | None = Field(default_factory=RecoveryConfig)
     """See `Config`."""
 
@@ -43,7 +45,9 @@ def finish(tracker: Tracker, clips: list[Sequence], config: FinishConfig) -> Con
         yield (hard_sequence(name, plan) for name, plan in hard_plan(config.made, config.seed))
 
     update = replace(tracker.config.update, min_score=config.min_score)
-    wanted = replace(tracker.config, update=update, recovery=config.recovery)
+    policy = tracker.config.policy
+    aspect = config.aspect if policy and policy.keep_aspect else None
+    wanted = replace(tracker.config, update=update, aspect=aspect, recovery=config.recovery)
     found = fit_tracker(configured(tracker, wanted), datasets, config.frames)
     score = replace(wanted.score, **found.weights)
     return replace(wanted, score=score, spread=Weights(**found.spread))
