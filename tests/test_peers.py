@@ -50,7 +50,7 @@ def test_networks_are_found_in_their_folder(tmp_path):
 
 
 @pytest.mark.shared
-def test_nanotrack_follows_the_ball(shared):
+def test_nanotrack_follows_the_ball(shared, capfd):
     tracker = parse(f"opencv:nano:{shared}/peers/nanotrack").make()
     image, box = ball(0, (320, 240))
     tracker.init(image, np.array(box, float))
@@ -58,6 +58,7 @@ def test_nanotrack_follows_the_ball(shared):
         image, (x, y, w, h) = ball(t, (320, 240))
         answer = tracker.update(image)
     found = answer.box
+    assert "WARN" not in capfd.readouterr().err
     assert 0.5 < answer.score <= 1
     assert not answer.lost
     assert abs(found[0] + found[2] / 2 - x - w / 2) < 6

@@ -15,10 +15,10 @@ pytest.importorskip("torch")
 pytest.importorskip("gymnasium")
 
 from entrack.cli.app import main
-from entrack.config import Config, WindowConfig
+from entrack.config import Config, WindowConfig, parse
 from entrack.learn.bank import Chunk
 from entrack.learn.bank import Source as Looks
-from entrack.learn.config import BankConfig
+from entrack.learn.config import BankConfig, TrainConfig
 from entrack.learn.store import bad_frames, keep, kept
 from entrack.learn.train import Source, Training, preset
 from entrack.video import VideoWriter
@@ -161,6 +161,11 @@ def stopped(config: Path, clips: Path, run: Path) -> None:
 
 def bits(run: Path) -> list[bytes]:
     return [(run / name).read_bytes() for name in ("model/policy.safetensors", "sac.csv")]
+
+
+def test_a_tracker_that_learns_tells_the_box_that_it_works_with() -> None:
+    with pytest.raises(EntrackError, match=r"use finish\.aspect"):
+        parse(TrainConfig, {"tracker": {"aspect": {}}}, "mine.toml")
 
 
 def test_a_run_of_another_configuration_is_refused(trained, clips: Path, tmp_path: Path):

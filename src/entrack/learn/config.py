@@ -2,7 +2,7 @@
 
 from typing import Literal
 
-from pydantic import ConfigDict, Field
+from pydantic import ConfigDict, Field, model_validator
 from pydantic.dataclasses import dataclass
 
 from entrack.config import Config, PolicyConfig
@@ -89,6 +89,12 @@ class TrainConfig:
     """Rounds between two looks at the validation clips."""
     finish: FinishConfig | None = None
     """The last step; None leaves score and σ as they are."""
+
+    @model_validator(mode="after")
+    def _box_is_the_action_s(self) -> "TrainConfig":
+        if self.tracker.aspect:
+            raise ValueError("a tracker that learns works with the box it tells: use finish.aspect")
+        return self
 
     @property
     def first_seed(self) -> int:

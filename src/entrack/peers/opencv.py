@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from entrack.errors import EntrackError
+from entrack.quiet import errors_alone
 
 PLAIN = {
     "kcf": "TrackerKCF",
@@ -94,7 +95,8 @@ class OpenCVTracker:
         parameters = getattr(owner, f"{name}_Params")()
         for key, path in self._settings.items():
             setattr(parameters, key, str(path))
-        return create(parameters)
+        with errors_alone():  # nothing but the processor computes here
+            return create(parameters)
 
 
 def make(spec: str) -> OpenCVTracker:

@@ -7,16 +7,16 @@ import re
 import time
 from collections.abc import Generator
 from pathlib import Path
-from typing import Any, cast
+from typing import cast
 
 import cv2
 
 from entrack.datasets.frames import PICTURES, Image, ImageFiles
 from entrack.errors import EntrackError
+from entrack.quiet import errors_alone
 from entrack.video.decoding import open_video
 from entrack.video.source import Frame, Source
 
-_ERRORS = 2  # OpenCV's level of logging
 _DIGITS = 9  # of a camera's number
 _PICTURES_PER_SECOND = 25.0  # pictures in a folder carry no time
 
@@ -77,19 +77,12 @@ def _natural(path: Path) -> list[str | int]:
     return [int(part) if part.isdecimal() else part for part in re.split(r"(\d+)", str(path))]
 
 
-def _set_log_level(level: int) -> int:
-    """Say how much OpenCV tells, and return what it was."""
-    here: Any = cv2 if hasattr(cv2, "setLogLevel") else cv2.utils.logging  # since 4.13
-    return here.setLogLevel(level)
-
-
 def _open_camera(name: str, start: int, stop: int | None) -> Source:
     if len(name) > _DIGITS:
         raise EntrackError(f"there is no camera {name[:20]}…")
     number = int(name)
-    level = _set_log_level(_ERRORS)  # it would tell of each driver it tried
-    camera = cv2.VideoCapture(number)
-    _set_log_level(level)
+    with errors_alone():
+        camera = cv2.VideoCapture(number)
     if not camera.isOpened():
         raise EntrackError(f"camera {number} cannot be opened")
 
