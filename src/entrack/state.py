@@ -132,7 +132,7 @@ def sample_boxes(features: Array, boxes: ArrayLike, window: Window, points: int)
     # Small products, of the cells that any box needs alone: no BLAS wakes its threads for them.
     above, left = (np.flatnonzero(weights.any(axis=(0, 1))) for weights in (rows, columns))
     down, across = slice(above[0], above[-1] + 1), slice(left[0], left[-1] + 1)
-    cells = np.ascontiguousarray(features.reshape(-1, n * n).T).reshape(n, n, -1)[down, across]
+    cells = np.ascontiguousarray(features[:, down, across].transpose(1, 2, 0))
     seen = np.matmul(columns[:, None, :, across], cells)  # (k, rows, points, C)
     seen = np.matmul(rows[:, None, :, down], seen.swapaxes(1, 2)).swapaxes(1, 2)
     return cast(Array, seen.reshape(-1, points * points, len(features)))
