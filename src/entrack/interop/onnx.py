@@ -44,7 +44,7 @@ def export_model(model: Model, out: Path, precision: str = "model") -> list[Path
     if model.policy and model.config.policy:
         policy = load_policy(model.policy, model.config.policy)
     channels = _channels(model.trunk)
-    step = Step(model.config, policy, channels)
+    step = Step(model.config, policy)
     _write_step(step, channels, out / "step.onnx")
     trunk = dequantise(model.trunk) if precision == "fp32" else for_onnxruntime(model.trunk)
     write_bytes(out / "trunk.onnx", trunk)
