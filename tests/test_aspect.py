@@ -80,12 +80,13 @@ def test_small_changes_are_none_and_large_ones_end(mean: float, change: float) -
     assert _aspect(mean).change == pytest.approx(change)
 
 
-def test_the_first_look_finds_no_change_and_the_action_tells_one() -> None:
-    aspect = _aspect(0.0)
-    symmetric = aspect.then(np.ones((8, 18, 18), np.float32), BOX, WINDOW, 0.0)
-    assert symmetric.mean == pytest.approx(0)
-    wider = aspect.then(np.ones((8, 18, 18), np.float32), BOX, WINDOW, 0.2)
-    assert wider.mean == pytest.approx(aspect.config.rate * aspect.config.action * 0.2)
+def test_what_is_as_wide_as_it_is_high_tells_no_change_and_the_action_does() -> None:
+    features = _features()
+    features = features + features.swapaxes(1, 2)  # to the right as it is downwards
+    aspect = Aspect.of(features, BOX, WINDOW, AspectConfig(action=1.5, rate=0.4))
+    assert aspect.then(features, BOX, WINDOW, 0.0).mean == pytest.approx(0, abs=1e-5)
+    assert aspect.then(features, BOX, WINDOW, 0.2).mean == pytest.approx(0.4 * 1.5 * 0.2, abs=1e-5)
+    assert abs(_aspect(0.0).then(_features(), BOX, WINDOW, 0.0).mean) > 1e-3
 
 
 @pytest.mark.filterwarnings("ignore:invalid value")

@@ -277,23 +277,26 @@ class Tracker:
         sampled = self.config.policy is not None and self.config.policy.act == "sample"
         action = gaussian.action(self._rng if sampled else None)
         sides = np.tile(target.box[2:], 2)
-        box = self._acted(target, action)
+        box, wider = self._acted(target, action)
         evidence = self._judge.evidence(target, target.look, cf.peak(target.look.response), box)
         evidence["sigma"] = float(np.log(gaussian.sigma).mean())
-        wider = _wider(target.box, boxes_.moved(target.box, action))
         return Answer(box, evidence, gaussian.sigma * sides, gaussian.entropy, wider)
 
-    def _acted(self, target: Target, action: ArrayLike) -> Boxes:
-        """d_t = d_{t−1} + a_t (eq. 7), tempered by likeness and scale search if so configured."""
+    def _acted(self, target: Target, action: ArrayLike) -> tuple[Boxes, float]:
+        """d_t = d_{t−1} + a_t (eq. 7), tempered by likeness and scale search if so configured.
+
+        And how much wider than high the action alone makes the box: a logarithm.
+        """
         box, config = boxes_.moved(target.box, action), self.config.policy
-        if not config or not (config.search or config.keep_aspect or target.likeness):
-            return box
         growth = np.log(np.maximum(box[2:], 1e-3) / target.box[2:])
+        wider = float(growth[0] - growth[1])
+        if not config or not (config.search or config.keep_aspect or target.likeness):
+            return box, wider
         if config.keep_aspect:
             growth = np.full(2, growth.mean())
         centre, grown = self._fitted(target, boxes_.centre(box))
         growth = (1 - config.search) * growth + config.search * np.log(grown)
-        return boxes_.from_centre(centre, target.box[2:] * np.exp(growth))
+        return boxes_.from_centre(centre, target.box[2:] * np.exp(growth)), wider
 
     def _best(self, target: Target) -> Look:
         """The size that answers most of those that were looked at, after the penalties."""
@@ -324,9 +327,9 @@ class Tracker:
         given = np.asarray(actions, np.float64).reshape(-1, 4)
         for target, action in zip(self._targets, given, strict=True):
             assert target.look is not None
-            box, peak = self._acted(target, action), cf.peak(target.look.response)
+            box, wider = self._acted(target, action)
+            peak = cf.peak(target.look.response)
             evidence = self._judge.evidence(target, target.look, peak, box)
-            wider = _wider(target.box, boxes_.moved(target.box, action))
             self._move(target, Answer(box, evidence, wider=wider))
         return self.boxes
 
@@ -412,12 +415,6 @@ class Tracker:
             for target in self._targets:
                 target.resize(ratio)
             self._size = size
-
-
-def _wider(box: Boxes, other: Boxes) -> float:
-    """How much wider, for its height, another box is: the logarithm of the aspect ratios' ratio."""
-    w, h = np.log(np.maximum(other[2:], 1e-3) / box[2:]).tolist()
-    return w - h
 
 
 def _heights(target: Target) -> NDArray[np.float32]:
