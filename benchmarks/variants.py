@@ -1,0 +1,143 @@
+"""Compare trackers on many short runs, paired: the yardstick of this project's choices.
+
+    python benchmarks/variants.py default runs/mine/model --data folder:CLIPS
+    python benchmarks/variants.py default mine:tracker --data synthetic:hard,seed=2000 --whole
+
+Whole clips are a lottery: one that is lost early or late moves their mean by .05. So every clip is
+started at several frames and followed for a while. What stands beside a tracker's mean overlap is
+how far it is from the first tracker's, run by run, with its standard error: what is within two of
+these is noise. Trackers are named as for `entrack evaluate`; see its --help.
+"""
+
+import argparse
+import math
+from collections import defaultdict
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from entrack import box as boxes
+from entrack.datasets import open_dataset
+from entrack.errors import EntrackError
+from entrack.evaluation import ope
+from entrack.evaluation.pool import run_units
+from entrack.evaluation.uncertainty import calibration, calibration_error
+from entrack.learn.train import preset
+from entrack.peers import Contender, parse_all
+
+
+@dataclass(frozen=True)
+class Run:
+    """One tracker, from one frame of one clip on."""
+
+    contender: Contender
+    data: str
+    name: str
+    start: int
+    frames: int
+
+    @property
+    def place(self) -> tuple[str, str, int]:
+        """What other trackers run on, too."""
+        return self.data, self.name, self.start
+
+
+@lru_cache(1)
+def _kept(contender: Contender):
+    return contender.make(threads=1)
+
+
+def follow(run: Run, report: Callable[[int], None]) -> np.ndarray:
+    """Track; return overlap, score, and error of the size's logarithm, frame by frame (T, 3)."""
+    sequence = open_dataset(run.data).read(run.name)
+    tracker = _kept(run.contender) if run.contender.kind == "model" else run.contender.make(1)
+    tracker.init(sequence.frames[run.start], sequence.boxes[run.start])
+    rows: list[tuple[float, float, float]] = []
+    for t in range(run.start + 1, run.start + run.frames):
+        answer = tracker.update(sequence.frames[t])
+        box = np.asarray(getattr(answer, "box", answer), np.float64)
+        truth = sequence.boxes[t]
+        overlap = float(ope.overlaps(truth[None], box[None])[0])
+        grown = math.log(boxes.area(box) / boxes.area(truth)) / 2 if overlap > 0 else math.nan
+        rows.append((overlap, getattr(answer, "score", None), grown))
+    return np.array(rows, np.float64)  # without a score, NaN
+
+
+def starts(data: str, names: set[str], every: int, frames: int) -> list[tuple[str, int, int]]:
+    """Clip, first frame and number of frames of every run; `every` 0 takes each clip whole."""
+    runs: list[tuple[str, int, int]] = []
+    dataset = open_dataset(data)
+    for name in (n for n in dataset.names if not names or n in names):
+        there = ope.valid(dataset.read(name).boxes)
+        for wanted in range(0, len(there), every or len(there)):
+            end = min(wanted + frames, len(there)) if every else len(there)
+            seen = np.flatnonzero(there[wanted:end])
+            if len(seen) and end - wanted - seen[0] >= (frames // 2 if every else 2):
+                runs.append((name, wanted + int(seen[0]), end - wanted - int(seen[0])))
+    return runs
+
+
+def line(name: str, found: dict, base: dict) -> str:
+    """What a tracker's runs come to, beside the first tracker's."""
+    seen = {place: rows[rows[:, 0] >= 0] for place, rows in found.items()}  # −1: no truth
+    mean = {place: float(rows[:, 0].mean()) for place, rows in seen.items() if len(rows)}
+    every = np.concatenate(list(seen.values()))
+    scored = every[np.isfinite(every[:, 1])]
+    error = calibration_error(calibration(scored[:, 1], scored[:, 0] > 0.5))
+    off = every[np.isfinite(every[:, 2]), 2]
+    overlap, none = np.mean(list(mean.values())), (every[:, 0] == 0).mean()
+    text = (
+        f"{name:20} overlap {overlap:.4f}  none {none:.3f}"
+        f"  size {off.mean():+.3f} rms {(off**2).mean() ** 0.5:.3f}  ece {error:.3f}"
+    )
+    if not base:
+        base.update(mean)
+        return f"{text}  {len(mean)} runs"
+    gain = {place: mean[place] - base[place] for place in mean.keys() & base.keys()}
+    values = np.array(list(gain.values()))
+    spread = values.std(ddof=1) / len(values) ** 0.5 if len(values) > 1 else math.nan
+    most = sorted(gain, key=lambda place: -abs(gain[place]))[:3]
+    where = " ".join(f"{clip}@{start} {gain[data, clip, start]:+.2f}" for data, clip, start in most)
+    return f"{text}  {values.mean():+.4f} ± {spread:.4f}  ({where})"
+
+
+def main() -> None:
+    """Run all, print a line a tracker."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("trackers", nargs="+", metavar="TRACKER")
+    parser.add_argument("--data", nargs="+", required=True, metavar="FORMAT:DIR")
+    parser.add_argument("--every", type=int, default=70, help="frames from start to start")
+    parser.add_argument("--frames", type=int, default=70, help="frames of a run")
+    parser.add_argument("--whole", action="store_true", help="each clip once, from end to end")
+    parser.add_argument(
+        "--validation", action="store_true", help="the clips that no shipped model was trained on"
+    )
+    parser.add_argument("--workers", type=int, default=2)
+    args = parser.parse_args()
+    names = set(preset("default").data.validation) if args.validation else set[str]()
+    every = 0 if args.whole else args.every
+    places = [(data, *run) for data in args.data for run in starts(data, names, every, args.frames)]
+    contenders = parse_all(args.trackers)
+    runs = [Run(contender, *place) for contender in contenders for place in places]
+    found: dict[str, dict[tuple[str, str, int], np.ndarray]] = defaultdict(dict)
+    for event in run_units(follow, runs, args.workers):
+        run = runs[event.unit]
+        if event.kind == "failed":
+            why = str(event.value).partition("\n")[0]
+            raise SystemExit(f"{run.contender.name} on {run.name}: {why}")
+        if event.kind == "done":
+            found[run.contender.name][run.place] = event.value
+    base: dict[tuple[str, str, int], float] = {}
+    for contender in contenders:
+        print(line(contender.name, found[contender.name], base), flush=True)
+
+
+if __name__ == "__main__":
+    try:
+        main()
+    except EntrackError as error:
+        raise SystemExit(str(error)) from None
