@@ -20,6 +20,7 @@ import numpy as np
 
 from entrack import box as boxes
 from entrack.datasets import open_dataset
+from entrack.datasets.sequence import Sequence
 from entrack.errors import EntrackError
 from entrack.evaluation import ope
 from entrack.evaluation.pool import run_units
@@ -49,18 +50,23 @@ def _kept(contender: Contender):
     return contender.make(threads=1)
 
 
+def seen(sequence: Sequence) -> np.ndarray:
+    """Frames (T,) in which the target is there, with a box; no others count."""
+    return ope.valid(sequence.boxes) & ~sequence.absent
+
+
 def follow(run: Run, report: Callable[[int], None]) -> np.ndarray:
     """Track; return overlap, score, and error of the size's logarithm, frame by frame (T, 3)."""
     sequence = open_dataset(run.data).read(run.name)
     tracker = _kept(run.contender) if run.contender.kind == "model" else run.contender.make(1)
-    tracker.init(sequence.frames[run.start], sequence.boxes[run.start])
+    truths = np.where(seen(sequence)[:, None], sequence.boxes, np.nan)
+    tracker.init(sequence.frames[run.start], truths[run.start])
     rows: list[tuple[float, float, float]] = []
     for t in range(run.start + 1, run.start + run.frames):
         answer = tracker.update(sequence.frames[t])
         box = np.asarray(getattr(answer, "box", answer), np.float64)
-        truth = sequence.boxes[t]
-        overlap = float(ope.overlaps(truth[None], box[None])[0])
-        grown = math.log(boxes.area(box) / boxes.area(truth)) / 2 if overlap > 0 else math.nan
+        overlap = float(ope.overlaps(truths[t : t + 1], box[None])[0])  # −1: no truth
+        grown = math.log(boxes.area(box) / boxes.area(truths[t])) / 2 if overlap > 0 else math.nan
         rows.append((overlap, getattr(answer, "score", None), grown))
     return np.array(rows, np.float64)  # without a score, NaN
 
@@ -70,20 +76,20 @@ def starts(data: str, names: set[str], every: int, frames: int) -> list[tuple[st
     runs: list[tuple[str, int, int]] = []
     dataset = open_dataset(data)
     for name in (n for n in dataset.names if not names or n in names):
-        there = ope.valid(dataset.read(name).boxes)
+        there = seen(dataset.read(name))
         for wanted in range(0, len(there), every or len(there)):
             end = min(wanted + frames, len(there)) if every else len(there)
-            seen = np.flatnonzero(there[wanted:end])
-            if len(seen) and end - wanted - seen[0] >= (frames // 2 if every else 2):
-                runs.append((name, wanted + int(seen[0]), end - wanted - int(seen[0])))
+            first = wanted + int(there[wanted:end].argmax())
+            if there[wanted:end].any() and end - first >= (frames // 2 if every else 2):
+                runs.append((name, first, end - first))
     return runs
 
 
 def line(name: str, found: dict, base: dict) -> str:
     """What a tracker's runs come to, beside the first tracker's."""
-    seen = {place: rows[rows[:, 0] >= 0] for place, rows in found.items()}  # −1: no truth
-    mean = {place: float(rows[:, 0].mean()) for place, rows in seen.items() if len(rows)}
-    every = np.concatenate(list(seen.values()))
+    told = {place: rows[rows[:, 0] >= 0] for place, rows in found.items()}
+    mean = {place: float(rows[:, 0].mean()) for place, rows in told.items() if len(rows)}
+    every = np.concatenate(list(told.values()))
     scored = every[np.isfinite(every[:, 1])]
     error = calibration_error(calibration(scored[:, 1], scored[:, 0] > 0.5))
     off = every[np.isfinite(every[:, 2]), 2]
