@@ -11,6 +11,7 @@ these is noise. Trackers are named as for `entrack evaluate`; see its --help.
 
 import argparse
 import math
+import tomllib
 from collections import defaultdict
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -25,8 +26,13 @@ from entrack.errors import EntrackError
 from entrack.evaluation import ope
 from entrack.evaluation.pool import run_units
 from entrack.evaluation.uncertainty import calibration, calibration_error
-from entrack.learn.train import preset
+from entrack.model import assets
 from entrack.peers import Contender, parse_all
+
+Place = tuple[str, str, int]
+"""Dataset, clip and first frame."""
+Found = dict[Place, np.ndarray]
+"""What `follow` returned."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +46,7 @@ class Run:
     frames: int
 
     @property
-    def place(self) -> tuple[str, str, int]:
+    def place(self) -> Place:
         """What other trackers run on, too."""
         return self.data, self.name, self.start
 
@@ -71,6 +77,12 @@ def follow(run: Run, report: Callable[[int], None]) -> np.ndarray:
     return np.array(rows, np.float64)  # without a score, NaN
 
 
+def validation() -> set[str]:
+    """The clips that trunk and policy never saw; read without torch, which workers would load."""
+    path = assets().parent / "presets" / "train-default.toml"
+    return set(tomllib.loads(path.read_text())["data"]["validation"])
+
+
 def starts(data: str, names: set[str], every: int, frames: int) -> list[tuple[str, int, int]]:
     """Clip, first frame and number of frames of every run; `every` 0 takes each clip whole."""
     runs: list[tuple[str, int, int]] = []
@@ -85,28 +97,35 @@ def starts(data: str, names: set[str], every: int, frames: int) -> list[tuple[st
     return runs
 
 
-def line(name: str, found: dict, base: dict) -> str:
-    """What a tracker's runs come to, beside the first tracker's."""
-    told = {place: rows[rows[:, 0] >= 0] for place, rows in found.items()}
-    mean = {place: float(rows[:, 0].mean()) for place, rows in told.items() if len(rows)}
-    every = np.concatenate(list(told.values()))
+def means(found: Found) -> dict[Place, float]:
+    """Mean overlap of every run."""
+    overlaps = {place: rows[rows[:, 0] >= 0, 0] for place, rows in found.items()}
+    return {place: float(seen.mean()) for place, seen in overlaps.items() if len(seen)}
+
+
+def line(found: Found) -> str:
+    """What a tracker's runs come to."""
+    every = np.concatenate(list(found.values()))
+    every = every[every[:, 0] >= 0]
     scored = every[np.isfinite(every[:, 1])]
     error = calibration_error(calibration(scored[:, 1], scored[:, 0] > 0.5))
     off = every[np.isfinite(every[:, 2]), 2]
-    overlap, none = np.mean(list(mean.values())), (every[:, 0] == 0).mean()
-    text = (
-        f"{name:20} overlap {overlap:.4f}  none {none:.3f}"
+    overlap, none = np.mean(list(means(found).values())), (every[:, 0] == 0).mean()
+    return (
+        f"overlap {overlap:.4f}  none {none:.3f}"
         f"  size {off.mean():+.3f} rms {(off**2).mean() ** 0.5:.3f}  ece {error:.3f}"
     )
-    if not base:
-        base.update(mean)
-        return f"{text}  {len(mean)} runs"
-    gain = {place: mean[place] - base[place] for place in mean.keys() & base.keys()}
+
+
+def gained(found: Found, first: Found) -> str:
+    """How far it is from the first tracker, run by run, and which runs decide that."""
+    mine, theirs = means(found), means(first)
+    gain = {place: mine[place] - theirs[place] for place in mine}
     values = np.array(list(gain.values()))
-    spread = values.std(ddof=1) / len(values) ** 0.5 if len(values) > 1 else math.nan
+    error = values.std(ddof=1) / len(values) ** 0.5 if len(values) > 1 else math.nan
     most = sorted(gain, key=lambda place: -abs(gain[place]))[:3]
-    where = " ".join(f"{clip}@{start} {gain[data, clip, start]:+.2f}" for data, clip, start in most)
-    return f"{text}  {values.mean():+.4f} ± {spread:.4f}  ({where})"
+    where = " ".join(f"{place[1]}@{place[2]} {gain[place]:+.2f}" for place in most)
+    return f"{values.mean():+.4f} ± {error:.4f}  ({where})"
 
 
 def main() -> None:
@@ -124,12 +143,12 @@ def main() -> None:
     )
     parser.add_argument("--workers", type=int, default=2)
     args = parser.parse_args()
-    names = set(preset("default").data.validation) if args.validation else set[str]()
+    names = validation() if args.validation else set[str]()
     every = 0 if args.whole else args.every
     places = [(data, *run) for data in args.data for run in starts(data, names, every, args.frames)]
     contenders = parse_all(args.trackers)
     runs = [Run(contender, *place) for contender in contenders for place in places]
-    found: dict[str, dict[tuple[str, str, int], np.ndarray]] = defaultdict(dict)
+    found: dict[str, Found] = defaultdict(dict)
     for event in run_units(follow, runs, args.workers):
         run = runs[event.unit]
         if event.kind == "failed":
@@ -137,9 +156,11 @@ def main() -> None:
             raise SystemExit(f"{run.contender.name} on {run.name}: {why}")
         if event.kind == "done":
             found[run.contender.name][run.place] = event.value
-    base: dict[tuple[str, str, int], float] = {}
+    first = found[contenders[0].name]
     for contender in contenders:
-        print(line(contender.name, found[contender.name], base), flush=True)
+        mine = found[contender.name]
+        beside = f"{len(mine)} runs" if mine is first else gained(mine, first)
+        print(f"{contender.name:20} {line(mine)}  {beside}", flush=True)
 
 
 if __name__ == "__main__":
