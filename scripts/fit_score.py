@@ -1,23 +1,27 @@
 """Fit the score that `default` and `longterm` ship with, and print it as TOML; about ten minutes.
 
-python scripts/fit_score.py CLIPS        # the 48 clips of the training data, layout folder
+python scripts/fit_score.py CLIPS               # the 48 clips of the training data, layout folder
+python scripts/fit_score.py CLIPS --sigma       # σ of longterm, which has that score already
 """
 
 import argparse
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 
 import cv2
 import numpy as np
 
 import entrack
-from entrack.calibrate import SIGNALS, logistic, observe
+from entrack.calibrate import SIGNALS, fit_spread, logistic, observe
 from entrack.datasets import open_dataset
 from entrack.datasets.frames import Image
 from entrack.datasets.sequence import Sequence
 from entrack.evaluation.ope import valid
 
-NAMED = ("psr", "unseen", "rival", "colour", "leap", "unrest", "swap")
+NAMED = ("unseen", "rival", "colour", "leap", "unrest", "swap")
 """The signals that count; others say less of footage that was left out of the fit."""
+SIDES = ("peak", "first", "colour", "leap", "sigma", "lost", "gone")
+"""What σ of `longterm` is made of."""
 HELD = -2.3267
 """`bias` + `lost`: what a box that is held while its target is searched begins with."""
 MADE = "synthetic:hard,seed=1000,count=96"
@@ -56,19 +60,36 @@ def broken(clips: list[Sequence], rng: np.random.Generator) -> Iterator[Sequence
                 yield Sequence(f"{clip.name}-{after}-{kind.__name__}", frames, boxes, absent)
 
 
-def main() -> None:
-    """Track all, fit, print."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("clips", metavar="CLIPS")
-    clips = list(open_dataset(f"folder:{parser.parse_args().clips}"))
-    tracker = entrack.load("default", threads=1)
+def score(clips: list[Sequence]) -> dict[str, float]:
+    """Track all and fit; of `[score]`, all but `gone`."""
     rng = np.random.default_rng(0)
+    tracker = entrack.load("default", threads=1)
     seen = observe(tracker, [clips, open_dataset(MADE), broken(clips, rng)])
     counts = np.array(SHARES)[seen.kinds] / np.bincount(seen.kinds)[seen.kinds]
     chosen = [SIGNALS.index(name) for name in NAMED]
     weights, bias = logistic(seen.signals[:, chosen], seen.hits, counts=counts / counts.mean())
-    named = {"bias": bias, **dict(zip(NAMED, weights, strict=True)), "lost": HELD - bias}
-    for name, weight in named.items():
+    return {"bias": bias, **dict(zip(NAMED, weights.tolist(), strict=True)), "lost": HELD - bias}
+
+
+def sigma(clips: list[Sequence]) -> dict[str, float]:
+    """Track with `longterm` and fit: `[spread]`."""
+    seen = observe(entrack.load("longterm", threads=1), [clips, open_dataset(MADE)])
+    named = np.isin(SIGNALS, SIDES)
+    found = fit_spread(replace(seen, signals=np.where(named, seen.signals, 0)))
+    return {name: found[name] for name in ("bias", *SIDES)}
+
+
+def main() -> None:
+    """Track all, fit, print."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("clips", metavar="CLIPS")
+    parser.add_argument("--sigma", action="store_true", help="fit [spread] of longterm instead")
+    args = parser.parse_args()
+    clips = list(open_dataset(f"folder:{args.clips}"))
+    found = sigma(clips) if args.sigma else score(clips)
+    for name, weight in found.items():
         print(f"{name} = {weight:.4f}")
 
 

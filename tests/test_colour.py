@@ -105,6 +105,15 @@ def test_a_tint_is_strange_by_how_much_it_varied_in_the_first_frames():
     assert strange(0, YOUNG) == pytest.approx(strange(0, YOUNG + 20), abs=1e-6)
 
 
+def test_the_tint_is_what_most_of_a_box_has_whatever_covers_the_rest():
+    colours = started(patch(((0.5, 0.5), RED)), ColourConfig())
+    half_hidden = patch(((0.5, 0.5), RED), ((0.57, 0.5), (90, 30, 220)))
+    another = patch(((0.5, 0.5), (33, 30, 220)))
+
+    assert colours.strange(colours.see(half_hidden, ROI)) < 0.1
+    assert colours.strange(colours.see(another, ROI)) > 1
+
+
 def test_after_the_first_frames_only_a_sure_tint_is_learned_and_slowly():
     colours = started(patch(((0.5, 0.5), RED)), ColourConfig())
     colours = replace(colours, frames=YOUNG)

@@ -3,7 +3,7 @@
 It was trained to know a thing in any light, so that a copy in another tint is the same to it. A
 histogram sees nothing else. M is lowered where a box would hold few of the colours that the target
 has and its surroundings have not (the histograms are those of Staple, L. Bertinetto et al., 2016).
-A histogram is coarse. Finer is a target's tint, one mean for the whole of it: whatever has another
+A histogram is coarse. Finer is a target's tint, the one that most of it has: whatever has another
 one than the first frames is somebody else, however much it looks like the target.
 """
 
@@ -36,6 +36,8 @@ CORE = 0.7
 """Share of a box's sides within which its tint is seen."""
 OTHERS = 0.02
 """How much a pixel counts whose colour is not the target's."""
+NEAR, STEPS = 0.05, 3
+"""The commonest tint is sought among those not much further away than this, in so many steps."""
 DARK = 8
 """Grey levels that are added to a pixel's, for in the dark there is more noise than tint."""
 STEADY = 0.01
@@ -79,8 +81,8 @@ class Seen:
     around: Shares
     """… and around it."""
     tint: Features
-    """Mean logarithms of blue, green and red (3,) of what in the box has the target's colours, less
-    the mean of the three: the light's strength does not count."""
+    """The commonest tint (3,) of what in the box has the target's colours: logarithms of blue,
+    green and red, less the mean of the three, so that the light's strength does not count."""
 
     @classmethod
     def of(cls, patch: Image, roi: Boxes, bins: int, chance: Shares | None = None) -> "Seen":
@@ -109,14 +111,34 @@ class Seen:
             return cls(inside, around, np.zeros(3, np.float32))
         part = np.ix_(rows, columns)
         weights = core[part] * (chance[seen[part]] + np.float32(OTHERS))
-        logs = LOGS[patch[::STRIDE, ::STRIDE][part]].reshape(-1, 3)
-        tint = weights.ravel() @ logs / weights.sum()
-        return cls(inside, around, tint - tint.mean())
+        logs = np.ascontiguousarray(LOGS[patch[::STRIDE, ::STRIDE][part]].reshape(-1, 3).T)
+        tints = logs - logs.mean(axis=0)
+        return cls(inside, around, commonest(tints, weights.ravel().astype(np.float32)))
 
 
 def chance_of(own: Shares, around: Shares) -> Shares:
     """How much a pixel of each colour (bins³,) is the target's, by the shares of its own."""
     return cast(Shares, own / (own + around + RARE))
+
+
+def commonest(tints: Features, weights: Features) -> Features:
+    """Where most of the tints (3, N) of pixels are: mean shift from their median.
+
+    Their mean would follow whatever else is in the box.
+
+    >>> tints = np.array([[0, 0, 0, 0.01, 0.01, 1], np.zeros(6), [0, 0, 0, 0.01, 0.01, -1]])
+    >>> commonest(tints.astype(np.float32), np.ones(6, np.float32)).round(3)
+    array([0.004, 0.   , 0.004], dtype=float32)
+    """
+    order = tints.argsort(axis=1)
+    sums = weights[order].cumsum(axis=1)
+    half = (sums < sums[:, -1:] / 2).sum(axis=1, keepdims=True)
+    found = np.take_along_axis(tints, np.take_along_axis(order, half, 1), 1)
+    for _ in range(STEPS):
+        away = np.square(tints - found).sum(axis=0)
+        near = weights * (np.exp(away * np.float32(-0.5 / NEAR**2)) + np.float32(RARE))
+        found = (tints @ near / near.sum())[:, None]
+    return found[:, 0]
 
 
 def covered(centre: ArrayLike, length: float, n: int) -> Features:

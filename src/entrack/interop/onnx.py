@@ -115,7 +115,7 @@ _MEMORY = {
     "colours": "| `patches` | | float32 ({k} + 1, 3, {size}, {size}): what the trunk saw for `features` |\n"
     "| `colours` | `colours_out` | float32 (4, bins³): shares of the target's colours in the first frame, "
     "running means of them and of those around it, and how much a pixel of each was the target's |\n",
-    "tint": "| `tint` | `tint_out` | float32 (5,): the target's mean colour, how much it varies, and the frames in "
+    "tint": "| `tint` | `tint_out` | float32 (5,): the target's tint, how much it varies, and the frames in "
     "which both were learned |\n",
     "inside": "| `inside` | `inside_out` | float32 ({c}, 8, 8): a running mean of what the features in the box "
     "have beyond the mean of the first frame's window |\n",

@@ -11,17 +11,22 @@ from entrack.colour import (
     DOUBT,
     INNER,
     LEAST,
+    NEAR,
     OTHER,
     OTHERS,
     OUTER,
     RARE,
     SLOW,
     STEADY,
+    STEPS,
     STRIDE,
     SURE,
     YOUNG,
 )
 from entrack.config import ColourConfig
+
+REACH, HALVINGS = 2.4, 14
+"""Tints of pixels are within the first of these; their median is found in so many halvings."""
 
 
 class Colouring:
@@ -94,9 +99,22 @@ class Colouring:
     def tint(self, patch: Tensor, codes: Tensor, roi: Tensor, chance: Tensor) -> Tensor:
         """`colour.Seen.of`: the tint (3,) of a box."""
         weights = self.within(roi, CORE, codes.shape[0]) * (chance[codes] + OTHERS)
-        logs = (weights * (patch[:, ::STRIDE, ::STRIDE] + DARK).log()).sum((1, 2))
-        mean = logs / weights.sum().clamp_min(1e-9)
-        return mean - mean.mean()
+        logs = (patch[:, ::STRIDE, ::STRIDE] + DARK).log().flatten(1)
+        return self.commonest(logs - logs.mean(0), weights.flatten())
+
+    def commonest(self, tints: Tensor, weights: Tensor) -> Tensor:
+        """`colour.commonest`; the window's pixels are too many to sort them."""
+        low, high = torch.full((3,), -REACH), torch.full((3,), REACH)
+        for _ in range(HALVINGS):
+            middle = (low + high) / 2
+            less = (tints < middle[:, None]).float() @ weights < weights.sum() / 2
+            low, high = torch.where(less, middle, low), torch.where(less, high, middle)
+        found = (low + high) / 2
+        for _ in range(STEPS):
+            off = (tints - found[:, None]).square().sum(0)
+            near = weights * ((-0.5 / NEAR**2 * off).exp() + RARE)
+            found = tints @ near / near.sum().clamp_min(1e-9)
+        return found
 
     def within(self, roi: Tensor, share: float, n: int) -> Tensor:
         """How much of each of n × n pixels a box covers, of whose sides only a share counts."""
