@@ -29,6 +29,7 @@ from entrack.recovery import (
     LEAST,
     MOST,
     NOTHING,
+    ORDINARY,
     ORIGIN,
     POINTS,
     RESTLESS,
@@ -108,7 +109,8 @@ class Step(Filtering):
             coloured = self.colouring.see(patches[1:][used][0], place, colours)
             seen["colour"] = self.colouring.change(colours, coloured[0])
             leapt = (past[2].clamp_max(MOST) / LEAST).log1p()
-            seen["swap"] = self.colouring.strange(tint, coloured[2]) * leapt
+            strange = self.colouring.strange(tint, coloured[2])
+            seen["swap"] = strange.clamp_min(ORDINARY) * leapt
         score = torch.sigmoid(self.total(seen))
         learns = (score >= config.update.min_score).float()
         if self.colouring and coloured:
