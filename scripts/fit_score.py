@@ -77,10 +77,9 @@ class Grey(SequenceOf[Image]):
 
 def score(clips: list[Sequence]) -> dict[str, float]:
     """Track all and fit; of `[score]`, all but `gone`."""
-    rngs = np.random.default_rng(0), np.random.default_rng(0)
     tracker = entrack.load("default", threads=1)
     grey = [replace(clip, frames=Grey(clip.frames)) for clip in clips]
-    pictures = [broken(clips, rngs[0]), broken(grey, rngs[1])]
+    pictures = [broken(some, np.random.default_rng(0)) for some in (clips, grey)]
     seen = observe(tracker, [clips, open_dataset(MADE), *pictures])
     counts = np.array(SHARES)[seen.kinds] / np.bincount(seen.kinds)[seen.kinds]
     chosen = [SIGNALS.index(name) for name in NAMED]

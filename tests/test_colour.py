@@ -7,7 +7,7 @@ import pytest
 
 from entrack.colour import LEAST, SLOW, SURE, YOUNG, Colours, Seen
 from entrack.config import ColourConfig, Config, RecoveryConfig, UpdateConfig
-from entrack.recovery import Past
+from entrack.recovery import ORDINARY, Past
 from entrack.tracker import Tracker
 from test_tracker import Averages
 
@@ -128,6 +128,7 @@ def test_after_the_first_frames_only_a_sure_tint_is_learned_and_slowly():
 def test_a_tint_of_another_counts_only_after_a_leap():
     assert Past().swap(3.0) == 0
     assert Past(leap=0.05).swap(3.0) > Past(leap=0.05).swap(0.5) > 0
+    assert Past(leap=0.05).swap(0.0) == Past(leap=0.05).swap(ORDINARY)  # as in grey footage
     assert Past(leap=1.0).swap(3.0) == Past(leap=0.1).swap(3.0)
 
 

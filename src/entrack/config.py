@@ -160,7 +160,7 @@ class Weights:
     swap: float = 0.0
     """It has leapt, and its tint is another: the product of the logarithms of the greatest leap and
     of how far the box's tint is from the first frames', in units of how far it was from that in
-    these; each is 0 where there is nothing. With `[colour]` only."""
+    these, and at least `recovery.ORDINARY`; 0 without a leap. With `[colour]` only."""
     sigma: float = 0.0
     """The mean logarithm of the policy's σ, in units of the box's size."""
     lost: float = 0.0
