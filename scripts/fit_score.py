@@ -19,7 +19,7 @@ from entrack.datasets.frames import Image
 from entrack.datasets.sequence import Sequence
 from entrack.evaluation.ope import valid
 
-NAMED = ("psr", "unseen", "rival", "colour", "leap", "unrest", "swap")
+NAMED = ("psr", "unseen", "rival", "colour", "leap", "swap")
 """The signals that count; others say less of footage that was left out of the fit."""
 SIDES = ("peak", "first", "colour", "leap", "sigma", "lost", "gone")
 """What σ of `longterm` is made of."""

@@ -194,7 +194,7 @@ def test_a_doubt_that_passes_starts_no_search():
 
 
 COMPARES = Config(
-    score=ScoreConfig(bias=4.0, unseen=-4.0, swap=-1.0, lost=-6.0),
+    score=ScoreConfig(bias=4.0, unseen=-4.0, swap=-3.0, lost=-6.0),
     colour=ColourConfig(power=0),
     recovery=RecoveryConfig(glances=2),
     scale=ScaleConfig(steps=1),

@@ -46,12 +46,13 @@ YOUNG = 30
 """Frames in which the tint is learned, and how much it varies; after them …"""
 SURE, SLOW = 0.7, 0.01
 """… a frame counts by the second of these, and only where the score is at least the first."""
-ALIKE, OTHER = 0.5, 20.0
-"""Differences far below the one are none, and those above the other alike."""
+ORDINARY = 0.5
+"""Up to so many times that, a tint is the target's own: less says nothing, as in grey footage. And
+those far above it are alike, for a target may have another side, in another tint."""
 LOGS = np.log(np.arange(256, dtype=np.float32) + DARK)
 
-NEARER = 0.5
-"""By how much less strange the tint of something else has to be than that of what is followed: two
+NEARER = 1.65
+"""How many times as far off as the tint of something else that of what is followed has to be: two
 that have the target's tint are told apart by where they are, not by how they look."""
 
 Codes = NDArray[np.uint16]
@@ -199,12 +200,17 @@ class Colours:
         return math.log(LEAST + max(1 - alike, 0.0))
 
     def strange(self, seen: Seen) -> float:
-        """How far the tint is from the first frames', by what is usual for this target; from 0."""
-        return math.log1p(min(self._off(seen) / (STEADY + self.spread), OTHER) / ALIKE)
+        """How unlike the first frames' the tint is, by what is usual for this target: 0 to 1."""
+        off = self._unusual(seen)
+        return max(off - ORDINARY, 0.0) / (off + ORDINARY)
 
     def nearer(self, seen: Seen, other: Seen) -> bool:
-        """Whether the tint is clearly less strange than the other's."""
-        return self.strange(other) - self.strange(seen) > NEARER
+        """Whether the tint is clearly nearer to the first frames' than the other's."""
+        return self._unusual(other) + ORDINARY > NEARER * (self._unusual(seen) + ORDINARY)
+
+    def _unusual(self, seen: Seen) -> float:
+        """How far off the tint is, in units of what is usual for this target."""
+        return self._off(seen) / (STEADY + self.spread)
 
     def _off(self, seen: Seen) -> float:
         return float(np.linalg.norm(seen.tint - self.mean.tint))

@@ -158,9 +158,9 @@ class Weights:
     """How far the target is from where it is expected in these frames, a running mean in sizes up
     to .2: what leaps for a restless target is no leap."""
     swap: float = 0.0
-    """It has leapt, and its tint is another: the product of the logarithms of the greatest leap and
-    of how far the box's tint is from the first frames', in units of how far it was from that in
-    these, and at least `recovery.ORDINARY`; 0 without a leap. With `[colour]` only."""
+    """It has leapt, and its tint is another: the logarithm of the greatest leap times how unlike
+    the first frames' the box's tint is, 0 to 1, see `Colours.strange`; 0 without a leap. With
+    `[colour]` only."""
     sigma: float = 0.0
     """The mean logarithm of the policy's σ, in units of the box's size."""
     lost: float = 0.0

@@ -29,8 +29,6 @@ FORGET = 0.01
 LEAST, MOST = 0.02, 0.1
 """Leaps far below the one are none, and those above the other alike: whoever has leapt that far may
 have gone over to another, and no further leap tells more."""
-ORDINARY = 0.7
-"""A target's own tint is as strange as that, as a rule: less says nothing, as in grey footage."""
 RESTLESS = 0.1
 """Share of a frame in the running mean of how far from where it is expected a target is …"""
 UNREST = 0.2
@@ -126,7 +124,7 @@ class Past:
 
     def swap(self, strange: float) -> float:
         """For the score: a leap, and now a tint as strange as that."""
-        return max(strange, ORDINARY) * math.log1p(min(self.leap, MOST) / LEAST)
+        return strange * math.log1p(min(self.leap, MOST) / LEAST)
 
 
 def _away(n: int, place: NDArray[np.float64]) -> NDArray[np.float64]:

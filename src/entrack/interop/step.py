@@ -29,7 +29,6 @@ from entrack.recovery import (
     LEAST,
     MOST,
     NOTHING,
-    ORDINARY,
     ORIGIN,
     POINTS,
     RESTLESS,
@@ -109,8 +108,7 @@ class Step(Filtering):
             coloured = self.colouring.see(patches[1:][used][0], place, colours)
             seen["colour"] = self.colouring.change(colours, coloured[0])
             leapt = (past[2].clamp_max(MOST) / LEAST).log1p()
-            strange = self.colouring.strange(tint, coloured[2])
-            seen["swap"] = strange.clamp_min(ORDINARY) * leapt
+            seen["swap"] = self.colouring.strange(tint, coloured[2]) * leapt
         score = torch.sigmoid(self.total(seen))
         learns = (score >= config.update.min_score).float()
         if self.colouring and coloured:

@@ -5,14 +5,13 @@ import torch
 from torch import Tensor
 
 from entrack.colour import (
-    ALIKE,
     CORE,
     DARK,
     DOUBT,
     INNER,
     LEAST,
     NEAR,
-    OTHER,
+    ORDINARY,
     OTHERS,
     OUTER,
     RARE,
@@ -60,7 +59,7 @@ class Colouring:
     def strange(self, tint: Tensor, now: Tensor) -> Tensor:
         """`colour.Colours.strange`."""
         off = (now - tint[:3]).norm() / (STEADY + tint[3])
-        return (off.clamp_max(OTHER) / ALIKE).log1p()
+        return (off - ORDINARY).clamp_min(0) / (off + ORDINARY)
 
     def learn(
         self, colours: Tensor, tint: Tensor, seen: tuple[Tensor, Tensor, Tensor], score: Tensor,
