@@ -63,29 +63,6 @@ def test_without_recovery_it_stays_where_it_lost_the_target():
     assert far.lost and iou(far.box, (190, 100, 40, 40)) == 0
 
 
-def test_it_looks_ahead_by_as_much_as_a_target_moves_steadily():
-    steady, shaken = Search(np.array(START), None), Search(np.array(START), None)
-    for k in range(60):
-        steady.follow(np.array([10.0, -5.0]), 40)
-        shaken.follow(np.array([10.0, -5.0]) * (-1) ** k, 40)
-    assert steady.ahead(40) == pytest.approx([10, -5], rel=0.01)
-    assert np.hypot(*shaken.ahead(40)) < 1
-    assert np.array_equal(Search(np.array(START), None).ahead(40), [0, 0])
-
-
-def test_a_window_goes_ahead_and_no_box_is_told_for_it():
-    t = Tracker(Config(window=WindowConfig(ahead=True), scale=ScaleConfig(steps=1)), Averages())
-    t.init(scene(START[:2]), START)
-    for k in range(1, 12):
-        last = t.update(scene((60 + 8 * k, 100))).box
-    assert last == pytest.approx((60 + 8 * 11, 100, 40, 40), abs=4)
-    for _ in range(2):  # to look again goes no further
-        t.observe(scene((60 + 8 * 12, 100)))
-        [look] = t.looks
-        assert look is not None and np.array_equal(t.boxes[0], last)
-        assert boxes.centre(look.window.box)[0] == pytest.approx(80 + 8 * 12, abs=4)
-
-
 def test_the_search_window_grows_while_lost_and_shrinks_when_found():
     t = started()
     usual = t.update(scene(START[:2])).search[2]

@@ -29,8 +29,6 @@ class WindowConfig:
     """What lies outside the frame: its edge pixels, or its mean colour."""
     size: int = Field(default=288, ge=64, le=1024, multiple_of=16)
     """Side of the patch that the trunk sees, pixels."""
-    ahead: bool = False
-    """Look where the target will have moved by its last steps, as far as these were steady."""
 
 
 @dataclass(frozen=True, config=_STRICT)

@@ -227,14 +227,6 @@ class Search:
         self.past, self.far = self.past.then(min(away, 1.0), rival), 0.0
         self.step = (self.step + step) / 2
 
-    def ahead(self, size: float) -> NDArray[np.float64]:
-        """How far the centre of a box of this size will have moved by the next frame (2,), pixels.
-
-        That is its mean step, the less of it the more restless it is.
-        """
-        steady, noise = float((self.step**2).sum()), (self.past.unrest * size) ** 2
-        return self.step * (steady / max(steady + noise, 1e-9))
-
     def likely(self, box: Boxes, window: Window, n: int) -> cf.Features | None:
         """How much each cell (n, n) of a window's response counts, if `box` was the last one.
 

@@ -106,13 +106,11 @@ class Target:
     """Frames since the last such."""
     turn: int = 0
     """Frames until other sizes than the last are looked at, see `ScaleConfig.every`."""
-    ahead: Boxes = field(default_factory=lambda: np.zeros(4))
-    """How far the box has been moved to where the target is expected, before it is looked for."""
 
     @property
     def told(self) -> Boxes:
         """The box that is reported: while the target is searched, the last one that was sure."""
-        box = self.search.held if self.search.active else self.box - self.ahead
+        box = self.search.held if self.search.active else self.box
         return self.aspect.stretch(box) if self.aspect else box.copy()
 
     def coloured(self, look: Look) -> Look:

@@ -195,9 +195,6 @@ class Tracker:
         """
         frame = self._frame = windows.as_bgr(image)
         self._follow_size(frame)
-        if self.config.window.ahead:
-            for target in self._targets:
-                self._go_ahead(target)
         patches: deque[windows.Image] = deque()
         features = each(self.trunk, self._patches(frame, patches))
         for target in self._targets:
@@ -217,13 +214,6 @@ class Tracker:
                 target.look = replace(target.look, z=target.state.z)
             target.elsewhere = list(islice(features, len(target.places)))
         return [target.state for target in self._targets]
-
-    def _go_ahead(self, target: Target) -> None:
-        """Begin with the box where the target is expected: it looks best in the middle."""
-        target.box = target.box - target.ahead
-        step = target.search.ahead(math.sqrt(target.box[2] * target.box[3]))
-        target.ahead = np.append(np.round(step * PLACES) / PLACES, np.zeros(2))
-        target.box = target.box + target.ahead
 
     def _patches(self, frame: windows.Image, kept: deque[windows.Image]) -> Iterator[windows.Image]:
         """What the trunk sees in a frame.
@@ -355,7 +345,6 @@ class Tracker:
         searched, target.box = target.box, boxes_.from_centre(centre, size)
         search = target.search
         step, side = centre - boxes_.centre(searched), math.sqrt(searched[2] * searched[3])
-        step, target.ahead = step + target.ahead[:2], np.zeros(4)
         seen = answer.evidence
         search.follow(step, side, seen.get("rival", 1.0))
         assert self._frame is not None and target.look is not None

@@ -51,7 +51,7 @@ class Step(Filtering):
         self.keeps_first |= config.likeness is not None or config.aspect is not None
         self.remembered = ["first_size", "template", "score"]
         self.remembered += ["first", "roi"] if self.keeps_first else []
-        self.remembered += ["past"] if config.score.recalls or config.window.ahead else []
+        self.remembered += ["past"] if config.score.recalls else []
         self.remembered += ["turn"] if config.scale.every > 1 else []
         self.remembered += ["colours", "tint"] if config.colour else []
         self.remembered += ["inside"] if config.likeness else []
@@ -98,8 +98,7 @@ class Step(Filtering):
         size = torch.maximum(size, limits.smallest * first_size)
         centre, size = (torch.round(v * PLACES) / PLACES for v in (centre, size))
         box = torch.cat([centre - size / 2, size])
-        step = (centre - before + self.ahead(past, last)).float()
-        past = self.followed(past, step, last.float(), seen)
+        past = self.followed(past, (centre - before).float(), last.float(), seen)
         leap = (LEAST + past[2].clamp_max(MOST)).log()
         seen |= {"leap": leap, "unrest": past[3].clamp_max(UNREST)}
         wide = window * self.zooms[used].double()
@@ -136,7 +135,6 @@ class Step(Filtering):
             "tint": tint, "inside": inside, "aspect": aspect,
         }  # fmt: skip
         told = self.stretched(box, aspect) if config.aspect else box
-        box = torch.cat([box[:2] + self.ahead(past, size.prod().sqrt()), size])
         return box.float(), told.float(), *sigma, *(memory[name] for name in self.remembered)
 
     def rate(self, score: Tensor) -> Tensor:
@@ -265,14 +263,6 @@ class Step(Filtering):
         weights = {name: getattr(config, name) for name in evidence}
         parts = [w * evidence[name] for name, w in weights.items() if w]
         return torch.stack([torch.tensor(config.bias), *parts]).sum()
-
-    def ahead(self, past: Tensor, size: Tensor) -> Tensor:
-        """`recovery.Search.ahead`, as far as it is configured."""
-        if not self.config.window.ahead:
-            return torch.zeros(2).double()
-        steady, noise = past[:2].double().square().sum(), (past[3] * size).square()
-        step = past[:2] * (steady / (steady + noise).clamp_min(1e-9))
-        return torch.round(step * PLACES) / PLACES
 
     def followed(self, past: Tensor, step: Tensor, size: Tensor, seen: dict[str, Tensor]) -> Tensor:
         """`recovery.Search.follow`."""

@@ -122,9 +122,7 @@ class Clip:
     @property
     def best(self) -> NDArray[np.float64]:
         """The action (4,) that would hit G_t."""
-        [look], [last] = self.tracker.looks, self.tracker.boxes
-        assert look is not None
-        box = from_centre(centre(look.window.box), last[2:])  # which may be ahead of the last one
+        box = self.tracker.boxes[0]
         return (to_corners(self.truth) - to_corners(box)) / np.tile(box[2:], 2)
 
     def step(self, action: NDArray[np.floating[Any]]) -> tuple[float, float, bool, bool]:
