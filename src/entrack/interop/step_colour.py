@@ -24,8 +24,8 @@ from entrack.colour import (
 )
 from entrack.config import ColourConfig
 
-REACH, HALVINGS = 2.4, 14
-"""Tints of pixels are within the first of these; their median is found in so many halvings."""
+REACH, PARTS = 2.4, 4096
+"""Tints of pixels are within the first of these, and counted in so many parts of that."""
 
 
 class Colouring:
@@ -103,12 +103,10 @@ class Colouring:
 
     def commonest(self, tints: Tensor, weights: Tensor) -> Tensor:
         """`colour.commonest`; the window's pixels are too many to sort them."""
-        low, high = torch.full((3,), -REACH), torch.full((3,), REACH)
-        for _ in range(HALVINGS):
-            middle = (low + high) / 2
-            less = (tints < middle[:, None]).float() @ weights < weights.sum() / 2
-            low, high = torch.where(less, middle, low), torch.where(less, high, middle)
-        found = (low + high) / 2
+        parts = ((tints + REACH) * (PARTS / 2 / REACH)).long().clamp(0, PARTS - 1)
+        counts = torch.zeros(3, PARTS).scatter_add(1, parts, weights.expand(3, -1))
+        median = (counts.cumsum(1) < weights.sum() / 2).sum(1)
+        found = (median + 0.5) * (2 * REACH / PARTS) - REACH
         for _ in range(STEPS):
             off = (tints - found[:, None]).square().sum(0)
             near = weights * ((-0.5 / NEAR**2 * off).exp() + RARE)
