@@ -47,8 +47,8 @@ YOUNG = 30
 SURE, SLOW = 0.7, 0.01
 """… a frame counts by the second of these, and only where the score is at least the first."""
 ORDINARY = 0.5
-"""Up to so many times that, a tint is the target's own: less says nothing, as in grey footage. And
-those far above it are alike, for a target may have another side, in another tint."""
+"""A tint that is off by up to so many times what is usual for a target says nothing, as in grey
+footage. Those that are off by far more are alike: a target may have another side, in another."""
 LOGS = np.log(np.arange(256, dtype=np.float32) + DARK)
 
 NEARER = 1.65
