@@ -10,7 +10,15 @@ import pytest
 
 import entrack
 from entrack.cli.app import main
-from entrack.config import ColourConfig, PolicyConfig, ScaleConfig, UpdateConfig, WindowConfig
+from entrack.config import (
+    ColourConfig,
+    Config,
+    PolicyConfig,
+    ScaleConfig,
+    ScoreConfig,
+    UpdateConfig,
+    WindowConfig,
+)
 from entrack.datasets import open_dataset
 from entrack.datasets.frames import VideoFrames
 from entrack.model import assets, load_model, save_model
@@ -116,6 +124,29 @@ def test_the_program_needs_no_entrack(tmp_path: Path):
     assert len(said.stdout.splitlines()) == 389, said.stderr
     lines = (tmp_path / "track.py").read_text().splitlines()
     assert sum(bool(line) for line in lines) < 50  # to be read and changed by whoever embeds it
+
+
+def test_a_step_remembers_leaps_for_whatever_score_counts_them():
+    from entrack.interop.step import Step
+
+    for name, kept in {"swap": True, "leap": True, "peak": False}.items():
+        config = Config(score=ScoreConfig(**{name: 1.0}), colour=ColourConfig())
+        assert ("past" in Step(config, None).remembered) == kept
+
+
+def test_the_commonest_tint_is_that_of_the_python_tracker():
+    import torch
+
+    from entrack.colour import commonest
+    from entrack.interop.step_colour import Colouring
+
+    rng = np.random.default_rng(0)
+    tints = rng.normal(0, 0.03, (3, 4000)) + np.where(rng.random(4000) < 0.6, 0.2, -0.5)
+    tints, weights = tints.astype(np.float32), rng.random(4000).astype(np.float32)
+    seen = map(torch.from_numpy, (tints, weights))
+    found = Colouring(ColourConfig(), 18).commonest(*seen).numpy()
+    np.testing.assert_allclose(found, commonest(tints, weights), atol=2e-4)
+    assert np.abs(found - 0.2).max() < 0.01
 
 
 @pytest.mark.parametrize("name", ["cf-baseline", "policy"])

@@ -52,8 +52,8 @@ footage. Those that are off by far more are alike: a target may have another sid
 LOGS = np.log(np.arange(256, dtype=np.float32) + DARK)
 
 NEARER = 1.65
-"""How many times as far off as the tint of something else that of what is followed has to be: two
-that have the target's tint are told apart by where they are, not by how they look."""
+"""How many times as far off as the tint of something else that of what is followed has to be,
+`ORDINARY` added to both: two that have the target's tint are told apart by where they are."""
 
 Codes = NDArray[np.uint16]
 Shares = NDArray[np.float32]

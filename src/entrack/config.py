@@ -176,7 +176,7 @@ class Weights:
     @property
     def recalls(self) -> bool:
         """Whether frames before the last one count."""
-        return any((self.leap, self.unrest))
+        return any((self.leap, self.unrest, self.swap))
 
     def total(self, evidence: Mapping[str, float]) -> float:
         """`bias` + Σ weight · evidence."""
