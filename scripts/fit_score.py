@@ -1,7 +1,7 @@
 """Fit the score that `default` and `longterm` ship with, and print it as TOML; 15 minutes.
 
 python scripts/fit_score.py CLIPS               # the 48 clips of the training data, layout folder
-python scripts/fit_score.py CLIPS --sigma       # σ of longterm, which has that score already
+python scripts/fit_score.py CLIPS --sigma longterm          # σ of a model, which has that score
 """
 
 import argparse
@@ -19,10 +19,15 @@ from entrack.datasets.frames import Image
 from entrack.datasets.sequence import Sequence
 from entrack.evaluation.ope import valid
 
-NAMED = ("psr", "unseen", "rival", "colour", "leap", "swap")
+NAMED = ("psr", "unseen", "rival", "leap", "swap", "off")
 """The signals that count; others say less of footage that was left out of the fit."""
-SIDES = ("peak", "first", "colour", "leap", "sigma", "lost", "gone")
-"""What σ of `longterm` is made of."""
+SIDES = {
+    "default": (
+        "peak", "psr", "first", "unseen", "rival", "same", "colour", "leap", "unrest", "sigma",
+    ),
+    "longterm": ("peak", "first", "colour", "leap", "sigma", "lost", "gone"),
+}  # fmt: skip
+"""What σ is made of."""
 HELD = -2.3267
 """`bias` + `lost`: what a box that is held while its target is searched begins with."""
 MADE = "synthetic:hard,seed=1000,count=96"
@@ -87,12 +92,12 @@ def score(clips: list[Sequence]) -> dict[str, float]:
     return {"bias": bias, **dict(zip(NAMED, weights.tolist(), strict=True)), "lost": HELD - bias}
 
 
-def sigma(clips: list[Sequence]) -> dict[str, float]:
-    """Track with `longterm` and fit: `[spread]`."""
-    seen = observe(entrack.load("longterm", threads=1), [clips, open_dataset(MADE)])
-    named = np.isin(SIGNALS, SIDES)
+def sigma(clips: list[Sequence], model: str) -> dict[str, float]:
+    """Track with a model and fit: `[spread]`."""
+    seen = observe(entrack.load(model, threads=1), [clips, open_dataset(MADE)])
+    named = np.isin(SIGNALS, SIDES[model])
     found = fit_spread(replace(seen, signals=np.where(named, seen.signals, 0)))
-    return {name: found[name] for name in ("bias", *SIDES)}
+    return {name: found[name] for name in ("bias", *SIDES[model])}
 
 
 def main() -> None:
@@ -101,10 +106,10 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("clips", metavar="CLIPS")
-    parser.add_argument("--sigma", action="store_true", help="fit [spread] of longterm instead")
+    parser.add_argument("--sigma", choices=tuple(SIDES), help="fit [spread] instead")
     args = parser.parse_args()
     clips = list(open_dataset(f"folder:{args.clips}"))
-    found = sigma(clips) if args.sigma else score(clips)
+    found = sigma(clips, args.sigma) if args.sigma else score(clips)
     for name, weight in found.items():
         print(f"{name} = {weight:.4f}")
 

@@ -185,6 +185,12 @@ def test_a_target_that_was_long_followed_without_being_sure_is_searched_further_
     assert late.radius == 0
 
 
+def test_a_box_that_is_only_off_is_lost_and_not_searched():
+    target = search(patience=1)
+    target.decide(0.0, HELD, ScoreConfig(), known=0.6)
+    assert target.lost and not target.active
+
+
 def test_a_doubt_that_passes_starts_no_search():
     target, searched = search(patience=3), []
     for score in (0.0, 0.0, 0.3, 0.0, 0.0, 0.0):

@@ -2,6 +2,7 @@
 
 import warnings
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from entrack.model import load_model
 from entrack.trunk import ENGINES, OpenVINOTrunk, each, load_trunk, sha256
 from entrack.trunks.dequantise import dequantise
 from entrack.trunks.export import export
-from entrack.trunks.networks import as_input
+from entrack.trunks.networks import Student, as_input, fold_all, fold_input
 from trunk_files import picture, student, write_trunk
 
 
@@ -35,13 +36,26 @@ def alike(a: np.ndarray, b: np.ndarray) -> float:
 
 @pytest.mark.parametrize("engine", ENGINES)
 def test_engines_say_what_the_network_says(engine: str, file: Path, patches: np.ndarray):
-    network = student()
-    from entrack.trunks.networks import fold_all, fold_input
-
-    expected = fold_input(fold_all(network))(as_input(patches)).detach().numpy()
-    found = load_trunk(file, engine, threads=1)(patches)
+    network = fold_input(cast(Student, fold_all(student())))
+    expected = [part.detach().numpy() for part in network.maps(as_input(patches))]
+    trunk = load_trunk(file, engine, threads=1)
+    found = trunk(patches)
     assert found.shape == (5, 256, 6, 6) and found.dtype == np.float32
-    assert alike(found, expected) > 0.9999
+    assert alike(found, expected[0]) > 0.9999
+    fine = np.stack([maps.fine for maps in each(trunk, patches)])
+    assert fine.shape == (5, 24, 12, 12) and fine.dtype == np.float32
+    assert alike(fine, expected[1]) > 0.9999
+
+
+def test_z_is_the_finer_map_of_a_trunk_that_tells_no_other(patches: np.ndarray):
+    class Plain:
+        precision = "none"
+
+        def __call__(self, patches: np.ndarray) -> np.ndarray:
+            return patches[:, ::16, ::16].transpose(0, 3, 1, 2).astype(np.float32)
+
+    for maps in each(Plain(), patches):
+        assert maps.z.shape == (3, 6, 6) and maps.fine is maps.z
 
 
 @pytest.mark.parametrize("engine", ENGINES)
@@ -58,7 +72,7 @@ def test_features_come_in_the_order_of_the_patches(engine: str, file: Path, patc
     trunk = load_trunk(file, engine, threads=2)
     together = trunk(patches)
     for found, expected in zip(each(trunk, iter(patches)), together, strict=True):
-        np.testing.assert_allclose(found, expected, atol=1e-5)
+        np.testing.assert_allclose(found.z, expected, atol=1e-5)
     next(each(trunk, patches))  # and the rest is not asked for
     np.testing.assert_allclose(trunk(patches), together, atol=1e-5)
 

@@ -13,7 +13,7 @@ torch = pytest.importorskip("torch")
 pytest.importorskip("onnxruntime")
 
 from entrack.errors import EntrackError
-from entrack.trunk import ENGINES, load_trunk
+from entrack.trunk import ENGINES, each, load_trunk
 from entrack.trunks.export import export
 from entrack.trunks.info import inspect
 from entrack.trunks.networks import StudentConfig
@@ -49,6 +49,14 @@ def test_int8_agrees_with_float_on_both_engines(
         assert a.cosine > 0.99 and a.response > 0.999 and a.moved < 0.1
     assert [p.name for p in (tmp_path / "new").iterdir()] == ["trunk.onnx"]
     assert (tmp_path / "new" / "trunk.onnx").stat().st_size < 0.5 * exact.stat().st_size
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_the_finer_map_is_there_in_int8_too(exact: Path, int8: Path, engine: str):
+    seen = picture(9)[:96, :96][None]
+    [float_], [rounded] = (each(load_trunk(path, engine), seen) for path in (exact, int8))
+    assert rounded.fine.shape == float_.fine.shape == (24, 12, 12)
+    assert np.corrcoef(rounded.fine.ravel(), float_.fine.ravel())[0, 1] > 0.99
 
 
 def test_convolutions_run_in_int8_the_first_one_too(exact: Path, int8: Path):

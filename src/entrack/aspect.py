@@ -15,8 +15,8 @@ from entrack import box as boxes_
 from entrack.box import Boxes
 from entrack.config import AspectConfig
 from entrack.filter import Features
-from entrack.likeness import cosines
-from entrack.state import GRID, sample_boxes
+from entrack.likeness import Inside
+from entrack.state import GRID
 from entrack.window import Window
 
 STEP = 0.2
@@ -30,18 +30,15 @@ class Aspect:
     """By how much a target is wider than its first box."""
 
     config: AspectConfig
-    around: Features
-    """Mean features (C,) of the first frame's window."""
-    inside: Features
-    """What 8 × 8 points of the first box have beyond them (64, C)."""
+    inside: Inside
+    """What Z has in the first box."""
     mean: float = 0.0
     """A running mean of the logarithm by which each look found the aspect ratio changed."""
 
     @classmethod
     def of(cls, features: Features, box: Boxes, window: Window, config: AspectConfig) -> "Aspect":
         """Remember Z (C, n, n) of a window around `box`."""
-        around = features.mean(axis=(1, 2))
-        return cls(config, around, sample_boxes(features, [box], window, GRID)[0] - around)
+        return cls(config, Inside.of(features, box, window, GRID))
 
     def then(self, features: Features, box: Boxes, window: Window, action: float) -> "Aspect":
         """One frame later: the target is in `box`, which the action would have made so much wider.
@@ -50,8 +47,7 @@ class Aspect:
         """
         sizes = box[2:] * np.exp(np.outer([STEP / 2, -STEP / 2], [1, -1]))
         boxes = boxes_.from_centre(boxes_.centre(box), sizes)
-        seen = sample_boxes(features, boxes, window, GRID) - self.around
-        wider, narrower = cosines(seen, self.inside).tolist()
+        wider, narrower = self.inside.alike(features, boxes, window).tolist()
         found = self.config.action * action + self.config.alike * (wider - narrower)
         if not np.isfinite(found):
             return self

@@ -33,7 +33,7 @@ _LEAST_ERROR = 1e-3  # of a box's size: smaller ones are in the annotation
 SIGNALS = tuple(f.name for f in fields(Weights) if f.name != "bias")
 """What score and σ are made of; 0 where a model does not have a signal."""
 _FOR = ("peak", "psr", "first", "same", "unrest")
-_AGAINST = ("unseen", "rival", "leap", "colour", "swap", "sigma")
+_AGAINST = ("unseen", "rival", "leap", "colour", "swap", "off", "sigma")
 """Which way a signal may count for a score. A weight of the other sign is an accident of the
 footage, such as a look-alike that is followed for long, and does harm on any other."""
 

@@ -69,16 +69,17 @@ class LikenessConfig:
 
     span: float = Field(default=1.2, gt=1, le=2)
     """A box larger by this factor is compared with one smaller by it; no frame changes more."""
-    gain: float = Field(default=1.2, ge=0)
-    """Logarithm of the change of size, for a difference of 1 between their cosines …"""
-    bias: float = Field(default=0.04, ge=-0.5, le=0.5)
+    gain: float = Field(default=0.6, ge=0)
+    """Logarithm of the change of size, for a difference of 1 between their cosines, in Z and in the
+    finer map …"""
+    bias: float = Field(default=0.055, ge=-0.5, le=0.5)
     """… and where there is no difference: a larger box has more in it that the target has not."""
     step: float = Field(default=0.08, gt=0, le=0.5)
     """A box so many sizes further on is compared with one so many sizes back, on each axis; the
     first box is moved and grown as much, to see how its features change."""
-    pull: float = Field(default=0.15, ge=0)
+    pull: float = Field(default=0.1, ge=0)
     """Sizes by which the centre is moved, for a difference of 1 between these cosines …"""
-    share: float = Field(default=0.5, ge=0, le=1)
+    share: float = Field(default=0.8, ge=0, le=1)
     """… and share of the move that explains, by those changes, what is seen."""
     rate: float = Field(default=0.01, ge=0, le=1)
     """How fast it is learned anew what the inside of the box looks like."""
@@ -161,6 +162,9 @@ class Weights:
     """It has leapt, and its tint is another: the logarithm of the greatest leap times how unlike
     the first frames' the box's tint is, 0 to 1, see `Colours.strange`; 0 without a leap. With
     `[colour]` only."""
+    off: float = 0.0
+    """How far the box is off by the first frame's features: the square of that in units of .1
+    sizes, up to 1. With `[likeness]` only."""
     sigma: float = 0.0
     """The mean logarithm of the policy's σ, in units of the box's size."""
     lost: float = 0.0
@@ -198,8 +202,15 @@ class ScoreConfig(Weights):
 
     def chance(self, evidence: Mapping[str, float]) -> float:
         """The score; 0 where the evidence is no number."""
-        total = self.total(evidence)
-        return 1 / (1 + math.exp(-max(total, -700.0))) if math.isfinite(total) else 0.0
+        return _logistic(self.total(evidence))
+
+    def known(self, evidence: Mapping[str, float]) -> float:
+        """What the score would be if the box sat right: whether it is the target at all."""
+        return _logistic(self.total({**evidence, "off": 0.0}))
+
+
+def _logistic(total: float) -> float:
+    return 1 / (1 + math.exp(-max(total, -700.0))) if math.isfinite(total) else 0.0
 
 
 UNFITTED = ScoreConfig(bias=-6.0, peak=6.0, psr=2.0)

@@ -15,6 +15,7 @@ from entrack.box import Boxes
 from entrack.config import Config
 from entrack.recovery import likeliest, near
 from entrack.target import Look, Target
+from entrack.trunk import Maps
 from entrack.window import Image, Window
 
 
@@ -33,31 +34,35 @@ class Judge:
         self._compares = any(w.compares for w in (config.score, config.spread) if w)
 
     def look(
-        self, target: Target, features: cf.Features, patch: Image, window: Window, zoom: float = 1.0
+        self, target: Target, maps: Maps, patch: Image, window: Window, zoom: float = 1.0
     ) -> Look:
-        """M (eq. 3) of Z (C, n, n) in a window."""
-        seen = cf.spectrum(features * self._taper)
-        return Look(window, patch, features, seen, self._respond(target.weights, seen), zoom)
+        """M (eq. 3) of Z in a window."""
+        seen = cf.spectrum(maps.z * self._taper)
+        return Look(window, patch, *maps, seen, self._respond(target.weights, seen), zoom)
 
     def evidence(self, target: Target, look: Look, peak: cf.Peak, box: Boxes) -> dict[str, float]:
         """What the features say of a box, for the score."""
         seen = {"peak": peak.height, "psr": float(np.log(max(peak.psr, 1e-3)))}
-        if not self._compares or not np.isfinite(box).all():
+        if not np.isfinite(box).all():
+            return seen
+        if target.likeness:
+            seen["off"] = target.likeness.off(look.maps, box, look.window)
+        if not self._compares:
             return seen
         response = self._respond(target.origin.weights, look.spectrum)
         return seen | target.origin.evidence(response, look.features, box, look.window)
 
     def recover(self, target: Target, score: float) -> float:
         """Hold on to what is sure, or go where a lost target may be; return the score to report."""
-        search = target.search
+        search, look = target.search, target.look
+        assert look is not None
         if not search.active:
-            search.sure(target.box, score)
+            search.sure(target.box, self.config.score.known(look.evidence) if score else 0.0)
             return self._compare(target, score) if search.doubting else score
         if not search.confirmed:
             target.box = search.restart(self._likeliest(target) if target.places else None)
         evidence = {"lost": 1.0, "gone": float(np.log(search.gone))}
-        assert target.look is not None
-        target.look = replace(target.look, evidence=evidence)
+        target.look = replace(look, evidence=evidence)
         return self.config.score.chance(evidence)
 
     def _compare(self, target: Target, score: float) -> float:
@@ -74,7 +79,9 @@ class Judge:
             peak = cf.peak(there.response, near(len(there.response)))
             evidence = self.evidence(target, there, peak, box)
             evidence |= target.recalled(replace(search.past, leap=1.0), other)
-            lead = self.config.score.total(evidence) - self.config.score.total(look.evidence)
+            # Which of the two it is, and not which box sits better.
+            there_, here = ({**seen, "off": 0.0} for seen in (evidence, look.evidence))
+            lead = self.config.score.total(there_) - self.config.score.total(here)
             if search.compare(box, lead if colours.nearer(other, own) else 0.0):
                 target.box, target.look = search.restart(box), replace(look, evidence=evidence)
                 return self.config.score.chance(evidence)
@@ -91,7 +98,8 @@ class Judge:
 
     def _likeliest(self, target: Target, besides: Look | None = None) -> Boxes:
         """Where a target is likeliest: in the places looked at, or what is `besides` its box."""
-        places, patches, features = target.places, target.patches, target.elsewhere
+        places, patches = target.places, target.patches
+        features = [maps.z for maps in target.elsewhere]
         if besides:
             places, patches = [besides.window, *places], [besides.patch, *patches]
             features = [besides.features, *features]

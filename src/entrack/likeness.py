@@ -7,13 +7,15 @@ right. That holds on to a target which another one crosses, and is biased by wha
 So most of the place is found as Lucas and Kanade do it, with features for grey values: how those of
 the first frame's box change where it is moved or grown says which move explains what is seen now
 (S. Baker and I. Matthews, *Lucas-Kanade 20 years on*, 2004; the inverse compositional way).
-All is sampled from the features of one search window: nothing else passes through the trunk.
+All is sampled from what the trunk saw in one search window, of which nothing else is asked: Z says
+best what a thing is, and the finer map that it was made of where its sides are.
 """
 
 import math
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from entrack import box as boxes_
 from entrack import filter as cf
@@ -21,14 +23,80 @@ from entrack.box import Boxes
 from entrack.config import LikenessConfig
 from entrack.filter import Features
 from entrack.state import GRID, sample_boxes
+from entrack.trunk import Maps
 from entrack.window import Window
 
 FURTHEST = 0.1
-"""Sizes by which the centre is moved at most."""
-POINTS = 5
-"""Points on a side of the box that the place is found by, which is larger than the target …"""
+"""Sizes by which the centre is moved at most, by each of the two."""
+FINER = 12
+"""Points on a side of the box that the finer map is compared at; Z at `state.GRID`."""
+AROUND, AROUND_FINER = 5, 9
+"""The same for the first look, whose box is larger than the target …"""
 WIDER = 1.4
 """… by this factor: where it ends says more than what is in its middle."""
+CLEARLY = 0.1
+"""Sizes from which on a box is clearly off."""
+
+
+@dataclass(frozen=True)
+class Inside:
+    """What a map of the trunk's has in a target's box, beyond what it had around the first one."""
+
+    around: Features
+    """Means (C,) of the first frame's window."""
+    seen: Features
+    """What `side` × `side` points of the box have beyond them (side², C)."""
+    side: int
+
+    @classmethod
+    def of(cls, features: Features, box: Boxes, window: Window, side: int) -> "Inside":
+        """Remember `box` in a window with features (C, n, n)."""
+        around = features.mean(axis=(1, 2))
+        return cls(around, sample_boxes(features, [box], window, side)[0] - around, side)
+
+    def alike(self, features: Features, boxes: Boxes, window: Window) -> Features:
+        """How like it several boxes (k, 4) are: cosines (k,)."""
+        seen = sample_boxes(features, boxes, window, self.side) - self.around
+        length = np.linalg.norm(seen, axis=(1, 2)) * np.linalg.norm(self.seen)
+        return (seen * self.seen).sum(axis=(1, 2)) / np.maximum(length, np.float32(1e-9))
+
+    def learn(self, features: Features, box: Boxes, window: Window, rate: float) -> "Inside":
+        """Go on with a running mean."""
+        seen = sample_boxes(features, [box], window, self.side)[0] - self.around
+        return replace(self, seen=cf.update(self.seen, seen, rate))
+
+
+@dataclass(frozen=True)
+class FirstLook:
+    """What a map had in and around the first box, and what of that changes with the box."""
+
+    seen: Features
+    """What `side` × `side` points had (side² · C,) …"""
+    moves: Features
+    """… and what moves the box, in sizes to the right and down, by what they change (…, 2)."""
+    side: int
+
+    @classmethod
+    def of(
+        cls, features: Features, box: Boxes, window: Window, side: int, step: float
+    ) -> "FirstLook":
+        """Remember `box` in a window with features (C, n, n), and boxes that are `step` away."""
+        moved = np.vstack([np.eye(4), -np.eye(4), np.zeros((1, 4))]) * step
+        centres = boxes_.centre(box) + moved[:, :2] * box[2:]
+        near = boxes_.from_centre(centres, WIDER * box[2:] * np.exp(moved[:, 2:]))
+        points = sample_boxes(features, near, window, side).reshape(9, -1)
+        # What the features change by for a move of one size: right, down, wider and higher. The
+        # last two are there to be told from the first, and are not asked for.
+        change = (points[:4] - points[4:8]) / np.float32(2 * step)
+        sound = np.isfinite(change).all()  # else a network overflowed
+        moves = np.linalg.pinv(change if sound else np.zeros_like(change))[:, :2]
+        return cls(points[8], moves, side)
+
+    def off(self, features: Features, box: Boxes, window: Window) -> Boxes:
+        """How far a box is off: sizes to the right and down (2,)."""
+        wider = boxes_.from_centre(boxes_.centre(box), WIDER * box[2:])
+        change = sample_boxes(features, [wider], window, self.side).ravel() - self.seen
+        return np.asarray(change @ self.moves, np.float64)
 
 
 @dataclass(frozen=True)
@@ -36,67 +104,57 @@ class Likeness:
     """What a target's box has looked like."""
 
     config: LikenessConfig
-    around: Features
-    """Mean features (C,) of the first frame's window."""
-    first: Features
-    """What 5 × 5 points in and around the first box have beyond them (25 · C,) …"""
-    moves: Features
-    """… and what moves the box, in sizes to the right and down, by what they change (25 · C, 2)."""
-    inside: Features
-    """A running mean of what the box's 8 × 8 points have beyond the window (64, C)."""
+    first: FirstLook
+    """Of Z, which says whether the box is where it should be …"""
+    first_fine: FirstLook
+    """… and of the finer map, which says where that is."""
+    coarse: Inside
+    """A running mean of what Z has in the box."""
+    fine: Inside
+    """The same of the finer map."""
 
     @classmethod
-    def of(
-        cls, features: Features, box: Boxes, window: Window, config: LikenessConfig
-    ) -> "Likeness":
-        """Remember Z (C, n, n) of a window around `box`."""
-        around = features.mean(axis=(1, 2))
-        moved = np.vstack([np.eye(4), -np.eye(4), np.zeros((1, 4))]) * config.step
-        centres = boxes_.centre(box) + moved[:, :2] * box[2:]
-        near = boxes_.from_centre(centres, WIDER * box[2:] * np.exp(moved[:, 2:]))
-        points = sample_boxes(features, near, window, POINTS).reshape(9, -1)
-        # What the features change by for a move of one size: right, down, wider and higher. The
-        # last two are there to be told from the first, and are not asked for.
-        change = (points[:4] - points[4:8]) / np.float32(2 * config.step)
-        sound = np.isfinite(change).all()  # else a network overflowed
-        moves = np.linalg.pinv(change if sound else np.zeros_like(change))[:, :2]
-        first = points[8] - np.tile(around, POINTS**2)
-        inside = sample_boxes(features, [box], window, GRID)[0] - around
-        return cls(config, around, first, moves, inside)
+    def of(cls, maps: Maps, box: Boxes, window: Window, config: LikenessConfig) -> "Likeness":
+        """Remember what is in a window around `box`."""
+        return cls(
+            config,
+            FirstLook.of(maps.z, box, window, AROUND, config.step),
+            FirstLook.of(maps.fine, box, window, AROUND_FINER, config.step),
+            Inside.of(maps.z, box, window, GRID),
+            Inside.of(maps.fine, box, window, FINER),
+        )
 
-    def fit(self, features: Features, box: Boxes, window: Window) -> tuple[Boxes, float]:
+    def off(self, maps: Maps, box: Boxes, window: Window) -> float:
+        """For the score: how far `box` is off by Z, 0 to 1; see `entrack.config.Weights`."""
+        away = math.hypot(*self.first.off(maps.z, box, window))
+        return min(away / CLEARLY, 1.0) ** 2
+
+    def fit(self, maps: Maps, box: Boxes, window: Window) -> tuple[Boxes, float]:
         """The centre (2,) that is most like the target, near `box`, and by what factor it grows."""
         config, centre, size = self.config, boxes_.centre(box), box[2:]
         if not np.isfinite(box).all():
             return centre, 1.0
-        aside = config.step * np.array([[1, 0], [-1, 0], [0, 1], [0, -1]])
-        beside = self._alike(features, centre + size * aside, size, window)
-        right, left, below, above = beside.tolist()
-        wider = boxes_.from_centre(centre, WIDER * size)
-        seen = sample_boxes(features, [wider], window, POINTS)[0] - self.around
-        off = (seen.ravel() - self.first) @ self.moves
-        move = config.pull * np.array([right - left, below - above]) - config.share * off
-        centre = centre + size * np.clip(move, -FURTHEST, FURTHEST)
+        centre = centre - size * _near(config.share * self.first_fine.off(maps.fine, box, window))
         if not np.isfinite(centre).all():
             return centre, 1.0
+        aside = config.step * np.array([[1, 0], [-1, 0], [0, 1], [0, -1]])
+        beside = boxes_.from_centre(centre + size * aside, size)
         sizes = np.outer([config.span, 1 / config.span], size)
-        larger, smaller = self._alike(features, centre, sizes, window).tolist()
+        resized = boxes_.from_centre(centre, sizes)
+        alike = self.fine.alike(maps.fine, np.vstack([beside, resized]), window)
+        right, left, below, above, larger, smaller = alike.tolist()
+        centre = centre + size * _near(config.pull * np.array([right - left, below - above]))
+        larger_too, smaller_too = self.coarse.alike(maps.z, resized, window).tolist()
         most = math.log(config.span)
-        growth = config.gain * (larger - smaller) + config.bias
+        growth = config.gain * (larger - smaller + larger_too - smaller_too) + config.bias
         return centre, math.exp(min(max(growth, -most), most))
 
-    def learn(self, features: Features, box: Boxes, window: Window) -> "Likeness":
+    def learn(self, maps: Maps, box: Boxes, window: Window) -> "Likeness":
         """One frame later."""
-        seen = sample_boxes(features, [box], window, GRID)[0] - self.around
-        return replace(self, inside=cf.update(self.inside, seen, self.config.rate))
-
-    def _alike(self, features: Features, centre: Boxes, size: Boxes, window: Window) -> Features:
-        """How like the target the boxes (k,) of these centres and sizes are."""
-        seen = sample_boxes(features, boxes_.from_centre(centre, size), window, GRID) - self.around
-        return cosines(seen, self.inside)
+        coarse = self.coarse.learn(maps.z, box, window, self.config.rate)
+        fine = self.fine.learn(maps.fine, box, window, self.config.rate)
+        return replace(self, coarse=coarse, fine=fine)
 
 
-def cosines(seen: Features, known: Features) -> Features:
-    """The cosines (k,) of several boxes' features (k, points, C) with those that are known."""
-    length = np.linalg.norm(seen, axis=(1, 2)) * np.linalg.norm(known)
-    return (seen * known).sum(axis=(1, 2)) / np.maximum(length, np.float32(1e-9))
+def _near(move: ArrayLike) -> Boxes:
+    return np.clip(np.asarray(move, np.float64), -FURTHEST, FURTHEST)

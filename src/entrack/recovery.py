@@ -241,7 +241,7 @@ class Search:
         return (self.config.jump + (1 - self.config.jump) * near).astype(np.float32)
 
     def sure(self, box: Boxes, score: float) -> None:
-        """Hear the score of a box that is followed.
+        """Hear what a box that is followed scores, or would if it sat right.
 
         If it is high enough, that box is come back to if the next ones are none; if it is lower
         than it should be, or follows another since lately, something else may be the target.
@@ -254,11 +254,17 @@ class Search:
             if not self.watched and score >= min(self.config.wary_below, usual - FALL):
                 self.wary, self.visited, self.challenger, self.wins = 0, {}, None, 0
 
-    def decide(self, score: float, box: Boxes, limits: ScoreConfig) -> None:
-        """Hear the score and the box of this frame."""
+    def decide(
+        self, score: float, box: Boxes, limits: ScoreConfig, known: float | None = None
+    ) -> None:
+        """Hear the score and the box of this frame, and what it would score if it sat right.
+
+        A box that is only off is no reason to look elsewhere.
+        """
         if self.config:
-            enough = self.config.found_above if self.active else self.config.below
-            self.confirmed = self.confirmed + 1 if score >= enough else 0
+            known = score if known is None else known
+            found = score >= self.config.found_above if self.active else known >= self.config.below
+            self.confirmed = self.confirmed + 1 if found else 0
             self.missed = 0 if self.confirmed else self.missed + 1
             few = self.confirmed < self.config.confirm
             self.active = few if self.active else self.missed >= self.config.patience

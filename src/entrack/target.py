@@ -14,6 +14,7 @@ from entrack.colour import Colours, Seen
 from entrack.likeness import Likeness
 from entrack.recovery import Origin, Past, Search
 from entrack.state import State
+from entrack.trunk import Maps
 from entrack.window import Image, Window
 
 
@@ -48,6 +49,9 @@ class Look:
     """Its content (S, S, 3) uint8 BGR."""
     features: cf.Features
     """Z: (C, n, n) float32."""
+    fine: cf.Features
+    """What the trunk saw on the way to it, in smaller cells: (C', 2n, 2n) float32; Z once more from
+    a trunk that does not tell."""
     spectrum: cf.Spectrum
     """Ẑ of the tapered features."""
     response: cf.Features
@@ -58,6 +62,11 @@ class Look:
     """f1(Z) (C, n, n) (eq. 4); None for a model without a policy."""
     evidence: Mapping[str, float] = field(default_factory=dict[str, float])
     """What the score was computed from, once it was; see `entrack.config.Weights`."""
+
+    @property
+    def maps(self) -> Maps:
+        """Both, as the trunk makes them."""
+        return Maps(self.features, self.fine)
 
 
 class Answer(NamedTuple):
@@ -98,8 +107,8 @@ class Target:
     """Where else it was looked for in the last frame, if it was lost or doubted, …"""
     patches: list[Image] = field(default_factory=list[Image])
     """… what was seen there …"""
-    elsewhere: list[cf.Features] = field(default_factory=list[cf.Features])
-    """… and Z of it."""
+    elsewhere: list[Maps] = field(default_factory=list[Maps])
+    """… and what the trunk made of it."""
     unlearned: Image | None = None
     """The last frame at the new box, of which X' of eq. 14 is made together with the next Z."""
     waited: int = 0

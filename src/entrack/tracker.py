@@ -26,7 +26,7 @@ from entrack.policy import Policy
 from entrack.recovery import Origin, Search
 from entrack.state import State, held, shifted
 from entrack.target import Answer, Estimate, Look, Target
-from entrack.trunk import Trunk, each
+from entrack.trunk import Maps, Trunk, each
 
 __all__ = ["PLACES", "Estimate", "Look", "Tracker"]
 
@@ -90,21 +90,22 @@ class Tracker:
         self._size = size
         windows_ = [windows.around(box, self.config.window) for box in started]
         patches = [windows.crop(frame, w, self.config.window.border) for w in windows_]
-        features = self._features(patches)
+        seen = list(each(self.trunk, patches))
         self._targets = [
-            self._start(*seen) for seen in zip(started, windows_, patches, features, strict=True)
+            self._start(*known) for known in zip(started, windows_, patches, seen, strict=True)
         ]
         for k, target in enumerate(self._targets):
             target.turn = k % self.config.scale.every
         if self.policy:
-            for target, window, x in zip(self._targets, windows_, features, strict=True):
+            for target, window, maps in zip(self._targets, windows_, seen, strict=True):
                 roi = window.to_patch(target.box) / window.size
-                target.known = self.policy.f1.remember(x, roi.astype(np.float32))
+                target.known = self.policy.f1.remember(maps.z, roi.astype(np.float32))
         self.ids, self._given = list(range(len(started))), len(started)
 
     def _start(
-        self, box: Boxes, window: windows.Window, patch: windows.Image, x: cf.Features
+        self, box: Boxes, window: windows.Window, patch: windows.Image, maps: Maps
     ) -> Target:
+        x = maps.z
         template, search = x * self._taper, Search(box, self.config.recovery)
         origin = Origin.of(x, box, window, self.fit)
         target = Target(box, box, template, self.fit(template), origin, search)
@@ -112,7 +113,7 @@ class Tracker:
             roi = window.to_patch(box) / window.size
             target.colours = Colours.of(patch, roi, self.config.colour)
         if self.config.likeness:
-            target.likeness = Likeness.of(x, box, window, self.config.likeness)
+            target.likeness = Likeness.of(maps, box, window, self.config.likeness)
         if self.config.aspect:
             target.aspect = Aspect.of(x, box, window, self.config.aspect)
         return target
@@ -196,14 +197,14 @@ class Tracker:
         frame = self._frame = windows.as_bgr(image)
         self._follow_size(frame)
         patches: deque[windows.Image] = deque()
-        features = each(self.trunk, self._patches(frame, patches))
+        seen = each(self.trunk, self._patches(frame, patches))
         for target in self._targets:
             if target.unlearned is not None:
-                self._learn(target, next(features) * self._taper)
+                self._learn(target, next(seen).z * self._taper)
             # One by one: the trunk works on those that follow, and arrays of megabytes would be
             # new pages from the system in every frame, which cost more than the arithmetic.
             target.looks = [
-                self._judge.look(target, next(features), patches.popleft(), window, zoom)
+                self._judge.look(target, next(seen), patches.popleft(), window, zoom)
                 for zoom, window in self._windows_of(target)
             ]
             target.look = target.looks[len(target.looks) // 2]
@@ -212,7 +213,7 @@ class Tracker:
             target.state = self._state(target)
             if target.state:
                 target.look = replace(target.look, z=target.state.z)
-            target.elsewhere = list(islice(features, len(target.places)))
+            target.elsewhere = list(islice(seen, len(target.places)))
         return [target.state for target in self._targets]
 
     def _patches(self, frame: windows.Image, kept: deque[windows.Image]) -> Iterator[windows.Image]:
@@ -248,8 +249,8 @@ class Tracker:
         """Replace the only target's template by X_t = g(G_t, I_t), as training may (§3.2.5)."""
         [target] = self._targets
         frame = windows.as_bgr(image)
-        [x] = self._features([self._patch(frame, np.asarray(truth, np.float64))])
-        target.template, target.unlearned = x * self._taper, None
+        [maps] = each(self.trunk, [self._patch(frame, np.asarray(truth, np.float64))])
+        target.template, target.unlearned = maps.z * self._taper, None
         target.weights = self.fit(target.template)
 
     def _state(self, target: Target) -> State | None:
@@ -310,7 +311,7 @@ class Tracker:
             return centre, self._grown(target)
         box = boxes_.from_centre(centre, target.box[2:])
         window = windows.around(target.box, self.config.window)
-        return target.likeness.fit(target.look.features, box, window)
+        return target.likeness.fit(target.look.maps, box, window)
 
     def _grown(self, target: Target) -> float:
         """By what factor the size changes, as far as the scale search says."""
@@ -353,12 +354,13 @@ class Tracker:
         evidence = seen | target.recalled(search.past, colours)
         score = config.chance(evidence) if sound else 0.0
         look = target.look = replace(target.look, evidence=evidence)
-        search.decide(score, target.box, config)
+        known = config.known(evidence) if sound else 0.0
+        search.decide(score, target.box, config, known)
         learns = score >= learn.min_score and not search.active
         if learns and target.colours and colours:
             target.colours = target.colours.learn(colours, score)
         if learns and target.likeness:
-            target.likeness = target.likeness.learn(look.features, target.box, look.window)
+            target.likeness = target.likeness.learn(look.maps, target.box, look.window)
         if learns and target.aspect:
             aspect, wider = target.aspect, answer.wider
             target.aspect = aspect.then(look.features, target.box, look.window, wider)
@@ -402,10 +404,6 @@ class Tracker:
         """What the search window around `box` sees."""
         config = self.config.window
         return windows.crop(frame, windows.around(box, config), config.border)
-
-    def _features(self, patches: list[windows.Image]) -> cf.Features:
-        """Z = g(d, I) of each patch (N, C, n, n)."""
-        return self.trunk(np.stack(patches))
 
     def _follow_size(self, frame: windows.Image) -> None:
         """A stream may change its resolution midway: the same scene, so boxes scale with it."""

@@ -1,7 +1,8 @@
 """The trunk: patch → features Z (second half of g, eq. 4), on OpenVINO or ONNX Runtime.
 
 Both engines read the same `trunk.onnx`, which maps BGR pixels in [0, 255], float32 (N, 3, S, S), to
-features float32 (N, C, S/16, S/16).
+features float32 (N, C, S/16, S/16); and, if it has a second output, to what it saw on the way
+there, in smaller cells.
 """
 
 import hashlib
@@ -31,13 +32,26 @@ class Trunk(Protocol):
         ...
 
 
-def each(trunk: Trunk, patches: Iterable[Image]) -> Iterator[Features]:
-    """Yield the features (C, S/16, S/16) of each patch (S, S, 3), in their order.
+class Maps(NamedTuple):
+    """What a trunk sees in one patch."""
+
+    z: Features
+    """Z (C, S/16, S/16)."""
+    fine: Features
+    """What it saw before, in smaller cells (C', S/8, S/8): less of what a thing is, more of where.
+    Z once more from a trunk that does not tell."""
+
+
+def each(trunk: Trunk, patches: Iterable[Image]) -> Iterator[Maps]:
+    """Yield what the trunk sees in each patch (S, S, 3), in their order.
 
     A trunk with a method `each` does it as the patches come; to others they are one batch.
     """
     own = getattr(trunk, "each", None)
-    yield from own(patches) if own else trunk(np.stack(list(patches)))
+    if own:
+        yield from own(patches)
+    else:
+        yield from (Maps(z, z) for z in trunk(np.stack(list(patches))))
 
 
 class OpenVINOTrunk:
@@ -71,10 +85,10 @@ class OpenVINOTrunk:
 
     def __call__(self, patches: Image) -> Features:
         """See `Trunk`."""
-        return np.stack(list(self.each(patches)))
+        return np.stack([maps.z for maps in self.each(patches)])
 
-    def each(self, patches: Iterable[Image]) -> Iterator[Features]:
-        """See `each`: it works on patches while the caller cuts the next, or uses the last Z."""
+    def each(self, patches: Iterable[Image]) -> Iterator[Maps]:
+        """See `each`: it works on patches while the caller cuts the next, or uses the last."""
         running: list[_Run] = []
         patches = iter(patches)
         patch = next(patches, None)
@@ -89,7 +103,7 @@ class OpenVINOTrunk:
                 patch = following
             for run in running:
                 run.request.wait()
-                yield run.features[0]
+                yield Maps(run.maps[0][0], run.maps[-1][0])
         finally:
             for run in running:
                 run.request.wait()
@@ -104,9 +118,11 @@ class OpenVINOTrunk:
         if place not in self._requests:
             self._requests[place] = network.create_infer_request()
         patch = np.ascontiguousarray(patch[None])
-        run = _Run(self._requests[place], patch, np.empty(network.output().shape, np.float32))
+        maps = [np.empty(output.shape, np.float32) for output in network.outputs]
+        run = _Run(self._requests[place], patch, maps)
         run.request.set_input_tensor(self._ov.Tensor(run.patch, shared_memory=True))
-        run.request.set_output_tensor(self._ov.Tensor(run.features, shared_memory=True))
+        for index, found in enumerate(maps):
+            run.request.set_output_tensor(index, self._ov.Tensor(found, shared_memory=True))
         run.request.start_async()
         return run
 
@@ -120,7 +136,7 @@ class OpenVINOTrunk:
             steps.input().model().set_layout(ov.Layout("NCHW"))
             options = self._options | {"NUM_STREAMS": streams}
             network = self._core.compile_model(steps.build(), "CPU", options)
-            shape = list(network.output().shape)
+            shape = list(network.output(0).shape)
         except RuntimeError as error:
             why = str(error).strip().splitlines()[-1]
             raise EntrackError(f"{self._path} is no trunk: {why}") from error
@@ -131,11 +147,11 @@ class OpenVINOTrunk:
 
 
 class _Run(NamedTuple):
-    """A patch that is worked on; the engine reads and writes the memory of both arrays."""
+    """A patch that is worked on; the engine reads and writes the memory of all arrays."""
 
     request: Any
     patch: Image
-    features: Features
+    maps: list[Features]
 
 
 class OnnxRuntimeTrunk:
@@ -164,8 +180,16 @@ class OnnxRuntimeTrunk:
 
     def __call__(self, patches: Image) -> Features:
         """See `Trunk`."""
+        return self._run(patches)[0]
+
+    def each(self, patches: Iterable[Image]) -> Iterator[Maps]:
+        """See `each`: one batch."""
+        found = self._run(np.stack(list(patches)))
+        yield from map(Maps, found[0], found[-1])
+
+    def _run(self, patches: Image) -> list[Features]:
         x = np.ascontiguousarray(patches.transpose(0, 3, 1, 2), np.float32)
-        return self._session.run(None, {self._input: x})[0]
+        return self._session.run(None, {self._input: x})
 
 
 def for_onnxruntime(path: Path) -> bytes:

@@ -10,6 +10,7 @@ import json
 import shutil
 import warnings
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -17,12 +18,15 @@ import torch
 from entrack.errors import EntrackError, require
 from entrack.files import unfinished, write_bytes
 from entrack.interop.step import Step
+from entrack.likeness import FINER
 from entrack.model import Model, assets
 from entrack.policy import load_policy
 from entrack.state import GRID
 from entrack.tracker import PLACES
 from entrack.trunk import for_onnxruntime
 from entrack.trunks.dequantise import dequantise
+
+Shape = tuple[int, ...]
 
 
 def export_model(model: Model, out: Path, precision: str = "model") -> list[Path]:
@@ -43,9 +47,10 @@ def export_model(model: Model, out: Path, precision: str = "model") -> list[Path
     policy = None
     if model.policy and model.config.policy:
         policy = load_policy(model.policy, model.config.policy)
-    channels = _channels(model.trunk)
+    z, fine = _maps(model.trunk, model.config.window.size)
+    channels = z[0]
     step = Step(model.config, policy)
-    _write_step(step, channels, out / "step.onnx")
+    _write_step(step, z, fine, out / "step.onnx")
     trunk = dequantise(model.trunk) if precision == "fp32" else for_onnxruntime(model.trunk)
     write_bytes(out / "trunk.onnx", trunk)
     config = model.config
@@ -66,31 +71,33 @@ def export_model(model: Model, out: Path, precision: str = "model") -> list[Path
     card = (texts / "README.md.txt").read_text()
     text = card.format(
         name=model.name, size=config.window.size, n=step.n, c=channels, k=config.scale.steps,
+        fine=_FINE.format(f=fine[0], m=fine[1]) if fine != z else "",
         memory="".join(_MEMORY[name] for name in step.remembered if name in _MEMORY).format(
-            k=config.scale.steps, size=config.window.size, c=channels), sigma=_SIGMA if policy else "", places=PLACES,
+            k=config.scale.steps, size=config.window.size, c=channels, f=fine[0], m=fine[1]), sigma=_SIGMA if policy else "", places=PLACES,
         without=_WITHOUT if config.recovery else "",
     )  # fmt: skip
     write_bytes(out / "README.md", text.encode())
     return [out / n for n in ("trunk.onnx", "step.onnx", "model.json", "track.py", "README.md")]
 
 
-def _channels(trunk: Path) -> int:
-    """C of Z, of the file's last convolution."""
+def _maps(trunk: Path, size: int) -> tuple[Shape, Shape]:
+    """Shapes (C, n, n) of Z and of the finer map, which is Z where a trunk has no other."""
     import onnxruntime as ort
 
     session = ort.InferenceSession(str(trunk), providers=["CPUExecutionProvider"])
-    size = np.zeros((1, 3, 64, 64), np.float32)
-    return session.run(None, {session.get_inputs()[0].name: size})[0].shape[1]  # type: ignore[union-attr]
+    patch = np.zeros((1, 3, size, size), np.float32)
+    found: Any = session.run(None, {session.get_inputs()[0].name: patch})
+    return found[0].shape[1:], found[-1].shape[1:]
 
 
-def _write_step(step: Step, c: int, path: Path) -> None:
-    n, k = step.n, step.config.scale.steps
-    side, colour = step.config.window.size, step.config.colour
+def _write_step(step: Step, z: Shape, fine: Shape, path: Path) -> None:
+    k, side, colour = step.config.scale.steps, step.config.window.size, step.config.colour
     shapes = {
-        "features": (1 + k, c, n, n), "box": (4,), "image": (2,), "first_size": (2,),
-        "template": (c, n, n), "score": (), "first": (c, n, n), "roi": (4,), "past": (4,),
+        "features": (1 + k, *z), "box": (4,), "image": (2,), "first_size": (2,),
+        "template": z, "score": (), "first": z, "roi": (4,), "past": (4,),
         "turn": (), "patches": (1 + k, 3, side, side), "colours": (4, colour.bins**3 if colour else 1),
-        "tint": (5,), "inside": (c, GRID, GRID), "aspect": (),
+        "tint": (5,), "aspect": (), "fine": (1 + k, *fine), "first_fine": fine,
+        "inside": (z[0], GRID, GRID), "inside_fine": (fine[0], FINER, FINER),
     }  # fmt: skip
     outputs = ["box_out", "told"] + (["sigma"] if step.policy else [])
     outputs += [f"{m}_out" for m in step.remembered]
@@ -117,11 +124,15 @@ _MEMORY = {
     "running means of them and of those around it, and how much a pixel of each was the target's |\n",
     "tint": "| `tint` | `tint_out` | float32 (5,): the target's tint, how much it varies, and the frames in "
     "which both were learned |\n",
+    "first_fine": "| `fine` | | float32 ({k} + 1, {f}, {m}, {m}): what the trunk's second output has for `features`; Z again if it has none |\n"
+    "| `first_fine` | `first_fine_out` | the same of the first frame's window |\n",
     "inside": "| `inside` | `inside_out` | float32 ({c}, 8, 8): a running mean of what the features in the box "
     "have beyond the mean of the first frame's window |\n",
+    "inside_fine": "| `inside_fine` | `inside_fine_out` | float32 ({f}, 12, 12): the same of `fine` |\n",
     "aspect": "| `aspect` | `aspect_out` | float32 (): by what logarithm the target seems to be wider than its first "
     "box, a running mean; `told` is stretched by it |\n",
 }
+_FINE = "; and float32 (N, {f}, {m}, {m}), what it saw on the way there"
 _SIGMA = """
 `sigma`, float32 (4,): standard deviation of the left, top, right and bottom side, in units of the last box's size.
 """

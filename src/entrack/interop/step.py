@@ -7,7 +7,7 @@ sequences. Filter and colours are in `step_filter` and `step_colour`.
 # pyright: basic
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -18,8 +18,7 @@ from entrack import aspect as aspects
 from entrack.config import Config
 from entrack.interop.step_colour import Colouring
 from entrack.interop.step_filter import Filtering
-from entrack.likeness import FURTHEST, WIDER
-from entrack.likeness import POINTS as POINTS_AROUND
+from entrack.likeness import AROUND, AROUND_FINER, CLEARLY, FINER, FURTHEST, WIDER
 from entrack.policy import LOG_STD, OUTWARDS, Policy
 from entrack.recovery import (
     ELSEWHERE,
@@ -39,6 +38,21 @@ from entrack.state import _resize as resize_matrix  # pyright: ignore[reportPriv
 from entrack.tracker import PLACES
 
 
+class Known(NamedTuple):
+    """What is remembered of the first frame, and of what the box has looked like since."""
+
+    first: Tensor
+    """Z of the first frame's window, …"""
+    first_fine: Tensor
+    """… the finer map of it, …"""
+    roi: Tensor
+    """… and the box in it, in shares of its side."""
+    inside: Tensor
+    """`Likeness.coarse`, …"""
+    inside_fine: Tensor
+    """… and `fine`."""
+
+
 class Step(Filtering):
     """Filter and policy: eqs. 1–7 and 14, for one target."""
 
@@ -54,7 +68,7 @@ class Step(Filtering):
         self.remembered += ["past"] if config.score.recalls else []
         self.remembered += ["turn"] if config.scale.every > 1 else []
         self.remembered += ["colours", "tint"] if config.colour else []
-        self.remembered += ["inside"] if config.likeness else []
+        self.remembered += ["first_fine", "inside", "inside_fine"] if config.likeness else []
         self.remembered += ["aspect"] if config.aspect else []
         self.colouring = Colouring(config.colour, n) if config.colour else None
         weights = {} if policy is None else _weights(policy, n)
@@ -63,7 +77,8 @@ class Step(Filtering):
     def forward(
         self, features: Tensor, box: Tensor, image: Tensor, first_size: Tensor, template: Tensor,
         score: Tensor, first: Tensor, roi: Tensor, past: Tensor, turn: Tensor, patches: Tensor,
-        colours: Tensor, tint: Tensor, inside: Tensor, aspect: Tensor,
+        colours: Tensor, tint: Tensor, aspect: Tensor, fine: Tensor, first_fine: Tensor,
+        inside: Tensor, inside_fine: Tensor,
     ) -> tuple[Tensor, ...]:  # fmt: skip
         """See the card that `export_model` writes."""
         config, new = self.config, (first_size[0] == 0).float()
@@ -85,10 +100,13 @@ class Step(Filtering):
         if self.colouring:
             first_colours, first_tint = self.colouring.first(patches[0], roi)
             colours, tint = colours + new * first_colours, tint + new * first_tint
+        first_fine = first_fine + new * fine[0]
         if config.likeness:
             inside = inside + new * self.beyond(first, first, roi)
+            inside_fine = inside_fine + new * self.beyond(first_fine, first_fine, roi, FINER)
+        known = Known(first, first_fine, roi, inside, inside_fine)
         move, seen, used, wider, *sigma = self.answer(
-            template, features[1:], held, first, roi, turn, patches[1:], colours, inside
+            template, features[1:], fine[1:], held, known, turn, patches[1:], colours
         )
         before, last = box[:2] + size / 2, size.prod().sqrt()
         centre = before + move[:2].double() * window
@@ -115,8 +133,10 @@ class Step(Filtering):
             colours, tint = self.colouring.learn(colours, tint, coloured, score, learns)
         if config.likeness:
             rate = config.likeness.rate * learns
-            z = features[1:][used][0]
+            z, z_fine = features[1:][used][0], fine[1:][used][0]
             inside = (1 - rate) * inside + rate * self.beyond(z, first, place)
+            finer = self.beyond(z_fine, first_fine, place, FINER)
+            inside_fine = (1 - rate) * inside_fine + rate * finer
         if config.aspect:
             found = self.looks_wider(features[1:][used][0], first, roi, place)
             found = config.aspect.action * wider + config.aspect.alike * found
@@ -132,7 +152,8 @@ class Step(Filtering):
             "first_size": first_size.float(), "template": template, "score": score,
             "first": first, "roi": roi, "past": past,
             "turn": torch.where(turn > 0, turn - 1, config.scale.every - 1.0), "colours": colours,
-            "tint": tint, "inside": inside, "aspect": aspect,
+            "tint": tint, "aspect": aspect, "first_fine": first_fine, "inside": inside,
+            "inside_fine": inside_fine,
         }  # fmt: skip
         told = self.stretched(box, aspect) if config.aspect else box
         return box.float(), told.float(), *sigma, *(memory[name] for name in self.remembered)
@@ -143,8 +164,8 @@ class Step(Filtering):
         return update.rate * (score >= update.min_score).float()
 
     def answer(
-        self, template: Tensor, features: Tensor, held: Tensor, first: Tensor, roi: Tensor,
-        turn: Tensor, patches: Tensor, colours: Tensor, inside: Tensor,
+        self, template: Tensor, features: Tensor, fine: Tensor, held: Tensor, known: Known,
+        turn: Tensor, patches: Tensor, colours: Tensor,
     ) -> tuple[Any, ...]:  # fmt: skip
         """What is found in this frame's features.
 
@@ -164,14 +185,14 @@ class Step(Filtering):
             dx, dy, height, psr = self.peak(response)
             offset = torch.stack([dx, dy]) * zoom / self.n
             if self.config.likeness:
-                offset, growth = self.fit(features[0], held, first, roi, offset, inside)
+                offset, growth = self.fit(features[0], fine[0], held, known, offset)
             size = torch.cat([growth, growth])
             evidence = {"peak": height, "psr": psr.clamp_min(1e-3).log()}
-            evidence |= self.compared(features[best][0], first, roi, held, zoom, offset, size)
+            evidence |= self.compared(features[best][0], known, held, zoom, offset, size)
             return torch.cat([offset, size]), evidence, best, torch.zeros(())
         response = self.weigh(responses[middle], patches[middle], held[:2], colours)
         _, _, height, psr = self.peak(response)
-        mean, log_std = self.act(features[middle], response, held, first, roi)
+        mean, log_std = self.act(features[middle], response, held, known)
         reach = self.policy.config.reach
         action = reach * torch.tanh(mean)
         log_std = log_std.clamp(*LOG_STD)
@@ -180,10 +201,10 @@ class Step(Filtering):
         low, high = torch.minimum(low, high), torch.maximum(low, high)
         offset = (low + high) / 2 * held[:2]
         if self.config.likeness:
-            offset, growth = self.fit(features[middle], held, first, roi, offset, inside)
+            offset, growth = self.fit(features[middle], fine[middle], held, known, offset)
         size, (w, h) = self.temper(high - low, growth), (high - low).clamp_min(1e-6).log()
         evidence = {"peak": height, "psr": psr.clamp_min(1e-3).log(), "sigma": sigma.log().mean()}
-        evidence |= self.compared(features[middle], first, roi, held, 1.0, offset, size)
+        evidence |= self.compared(features[middle], known, held, 1.0, offset, size)
         return torch.cat([offset, size]), evidence, torch.tensor([middle]), w - h, sigma
 
     def weigh(self, response: Tensor, patch: Tensor, size: Tensor, colours: Tensor) -> Tensor:
@@ -227,35 +248,49 @@ class Step(Filtering):
         return self.sample_grid(z, roi, points, 1.0) - first.mean((1, 2), keepdim=True)
 
     def fit(
-        self, z: Tensor, held: Tensor, first: Tensor, roi: Tensor, offset: Tensor, inside: Tensor
+        self, z: Tensor, fine: Tensor, held: Tensor, known: Known, offset: Tensor
     ) -> tuple[Tensor, Tensor]:
         """`likeness.Likeness.fit`: how far the box has moved (2,), and its growth (1,)."""
         config, size = self.config.likeness, held[:2]
         assert config
 
-        def points(z: Tensor, centre: Tensor, size: Tensor) -> Tensor:
-            shares = WIDER * size
-            corner = centre - shares / 2
-            return self.beyond(z, first, torch.cat([corner, shares]), POINTS_AROUND).flatten()
-
-        def alike(x: float, y: float, factor: float) -> Tensor:
+        def alike(x: float, y: float, factor: float, finer: bool = True) -> Tensor:
             corner = 0.5 + offset + size * torch.tensor([x, y]) - size * factor / 2
-            seen = self.beyond(z, first, torch.cat([corner, size * factor]))
+            roi = torch.cat([corner, size * factor])
+            inside = known.inside_fine if finer else known.inside
+            if finer:
+                seen = self.beyond(fine, known.first_fine, roi, FINER)
+            else:
+                seen = self.beyond(z, known.first, roi)
             return (seen * inside).sum() / (seen.norm() * inside.norm()).clamp_min(1e-9)
 
-        s = config.step
+        box = torch.cat([0.5 + offset, size])
+        move = config.share * self.off(fine, known.first_fine, known.roi, box, AROUND_FINER)
+        offset, s = offset - size * move.clamp(-FURTHEST, FURTHEST), config.step
+        grown = alike(0, 0, config.span) - alike(0, 0, 1 / config.span)
+        grown += alike(0, 0, config.span, False) - alike(0, 0, 1 / config.span, False)
         slope = torch.stack([alike(s, 0, 1) - alike(-s, 0, 1), alike(0, s, 1) - alike(0, -s, 1)])
-        centre, sides = roi[:2] + roi[2:] / 2, roi[2:]
-        moved = torch.cat([torch.eye(4), -torch.eye(4), torch.zeros(1, 4)]) * s
-        near = [points(first, centre + m[:2] * sides, sides * m[2:].exp()) for m in moved]
-        change = (torch.stack(near[:4]) - torch.stack(near[4:8])) / (2 * s)
-        seen = points(z, 0.5 + offset, size) - near[8]
-        off = solve(change @ change.T, change @ seen)[:2]
-        move = config.pull * slope - config.share * off
-        offset = offset + size * move.clamp(-FURTHEST, FURTHEST)
-        grown = config.gain * (alike(0, 0, config.span) - alike(0, 0, 1 / config.span))
+        offset = offset + size * (config.pull * slope).clamp(-FURTHEST, FURTHEST)
         most = math.log(config.span)
-        return offset, (grown + config.bias).clamp(-most, most).exp()[None]
+        return offset, (config.gain * grown + config.bias).clamp(-most, most).exp()[None]
+
+    def off(self, z: Tensor, first: Tensor, roi: Tensor, box: Tensor, side: int) -> Tensor:
+        """`likeness.FirstLook.off` (2,): of a box by its centre and size, in shares of the window.
+
+        `first` is the first frame's map, in which the box was `roi`.
+        """
+        assert self.config.likeness
+        step, middle, sides = self.config.likeness.step, roi[:2] + roi[2:] / 2, roi[2:]
+
+        def points(z: Tensor, centre: Tensor, size: Tensor) -> Tensor:
+            wider = torch.cat([centre - WIDER * size / 2, WIDER * size])
+            return self.sample_grid(z, wider, side, 1.0).flatten()
+
+        moved = torch.cat([torch.eye(4), -torch.eye(4), torch.zeros(1, 4)]) * step
+        near = [points(first, middle + m[:2] * sides, sides * m[2:].exp()) for m in moved]
+        change = (torch.stack(near[:4]) - torch.stack(near[4:8])) / (2 * step)
+        seen = points(z, box[:2], box[2:]) - near[8]
+        return solve(change @ change.T, change @ seen)[:2]
 
     def total(self, evidence: dict[str, Tensor]) -> Tensor:
         """`Weights.total`."""
@@ -272,35 +307,38 @@ class Step(Filtering):
         return torch.cat([(past[:2] + step) / 2, torch.stack([leap, unrest])])
 
     def compared(
-        self, z: Tensor, first: Tensor, roi: Tensor, held: Tensor, zoom: Any, offset: Tensor,
-        size: Tensor,
-    ) -> dict[str, Tensor]:  # fmt: skip
-        """`recovery.Origin`: how much the new box looks like the first."""
+        self, z: Tensor, known: Known, held: Tensor, zoom: Any, offset: Tensor, size: Tensor
+    ) -> dict[str, Tensor]:
+        """`recovery.Origin` and `Likeness.off`: how much the new box looks like the first."""
+        n, first, roi = self.n, known.first, known.roi
+        box = torch.cat([0.5 + offset / zoom, held[:2] * size / zoom])
+        evidence: dict[str, Tensor] = {}
+        if self.config.likeness and self.config.score.off:
+            away = self.off(z, first, roi, box, AROUND).norm() / CLEARLY
+            evidence["off"] = away.clamp_max(1.0) ** 2
         if not self.compares:
-            return {}
-        n = self.n
+            return evidence
         away = (
             (torch.arange(n) - n / 2).abs() / (n * ORIGIN * (roi[2] * roi[3]).sqrt())
         ).clamp_max(0.5)
         line = 0.5 + 0.5 * torch.cos(2 * torch.pi * away)
         response = self.respond(first * line[:, None] * line, (z * self.taper)[None])[0]
-        centre = 0.5 + offset / zoom  # of the box, in shares of the window that was looked at
+        centre, shares = box[:2], box[2:]  # in shares of the window that was looked at
         dx, dy = [((torch.arange(n) - c * n + n / 2) % n - n / 2).abs() for c in centre]
         apart = torch.maximum(dy[:, None].expand(n, n), dx[None].expand(n, n))
         height = response.masked_fill(apart > HERE, -1e9).max()
         rival = response.masked_fill(apart <= ELSEWHERE, -1e9).max() / height.clamp_min(FAINT)
-        shares = held[:2] * size / zoom
         mean = first.mean((1, 2), keepdim=True)
         seen = self.sample_grid(z, torch.cat([centre - shares / 2, shares]), POINTS, 1.0) - mean
         points = self.sample_grid(first, roi, POINTS, 1.0) - mean
         length = (seen.norm() * points.norm()).clamp_min(1e-9)
-        return {
+        return evidence | {
             "first": height, "unseen": 1 - (height / NOTHING).clamp(0, 1),
             "rival": rival.clamp(0, 2), "same": (seen * points).sum() / length,
         }  # fmt: skip
 
     def act(
-        self, features: Tensor, response: Tensor, held: Tensor, first: Tensor, roi: Tensor
+        self, features: Tensor, response: Tensor, held: Tensor, known: Known
     ) -> tuple[Tensor, Tensor]:
         """μ and log σ (4,) of s = (f1(Z), f2(M))."""
         w = self.w
@@ -311,7 +349,7 @@ class Step(Filtering):
                 z = m = torch.cat([z, m])
             mean = w["mean.weight"] @ z + w["mean.bias"]
             return mean, w["log_std.weight"] @ m + w["log_std.bias"]
-        z = self.conditioned(features, response, held, self.sample_grid(first, roi))
+        z = self.conditioned(features, response, held, self.sample_grid(known.first, known.roi))
         out = w["head.weight"] @ z + w["head.bias"][:, None]  # policy.AttentionHead
         attention = torch.softmax(out[0] + w["head.beta"] * response.flatten(), 0)
         x, y = self.along().repeat(self.n), self.along().repeat_interleave(self.n)
@@ -361,13 +399,12 @@ class Step(Filtering):
         self, features: Tensor, roi: Tensor, points: int = GRID, grown: float = GROWN
     ) -> Tensor:
         """`state.sample_grid`; linear interpolation as a tent around each place."""
+        n = features.shape[-1]
         along = (torch.arange(points) + 0.5) / points - 0.5
-        cells = torch.arange(self.n).float()
-        x, y = [
-            (roi[k] + roi[k + 2] / 2 + along * roi[k + 2] * grown) * self.n - 0.5 for k in (0, 1)
-        ]
+        cells = torch.arange(n).float()
+        x, y = [(roi[k] + roi[k + 2] / 2 + along * roi[k + 2] * grown) * n - 0.5 for k in (0, 1)]
         columns, rows = [
-            (1 - (p.clamp(0, self.n - 1)[:, None] - cells).abs()).clamp_min(0) for p in (x, y)
+            (1 - (p.clamp(0, n - 1)[:, None] - cells).abs()).clamp_min(0) for p in (x, y)
         ]
         return rows @ features @ columns.T
 

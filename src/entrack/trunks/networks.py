@@ -1,6 +1,7 @@
 """Trunk networks in torch: the paper's ResNet-18 to layer3, and the small students that we ship.
 
-All of them map BGR pixels in [0, 255], float32 (N, 3, H, W), to features (N, 256, H/16, W/16).
+All of them map BGR pixels in [0, 255], float32 (N, 3, H, W), to features (N, 256, H/16, W/16); a
+student tells what it saw at stride 8, too.
 """
 
 from collections.abc import Mapping
@@ -147,10 +148,16 @@ class Student(nn.Module):
                 layers.append(BLOCKS[config.block](channels, width, stride))
                 channels = width
         self.body = nn.Sequential(*layers)
+        self.last = config.depths[-1]
         self.head = conv(channels, CHANNELS, 1)
 
     def forward(self, x: Tensor) -> Tensor:
-        return torch.relu(self.head(self.body(self.normalise(x))))
+        return self.maps(x)[0]
+
+    def maps(self, x: Tensor) -> tuple[Tensor, Tensor]:
+        """Features, and the map at stride 8 that the last stage makes them of."""
+        fine = self.body[: -self.last](self.normalise(x))
+        return torch.relu(self.head(self.body[-self.last :](fine))), fine
 
 
 class ResNet18(nn.Module):
