@@ -1,7 +1,7 @@
 """Fit the score that `default` and `longterm` ship with, and print it as TOML; 15 minutes.
 
-python scripts/fit_score.py CLIPS               # the 48 clips of the training data, layout folder
-python scripts/fit_score.py CLIPS --sigma longterm          # σ of a model, which has that score
+python scripts/fit_score.py CLIPS                    # the 48 clips of the training data, a folder
+python scripts/fit_score.py CLIPS --sigma longterm   # σ of a model, which has that score already
 """
 
 import argparse

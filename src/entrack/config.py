@@ -204,9 +204,13 @@ class ScoreConfig(Weights):
         """The score; 0 where the evidence is no number."""
         return _logistic(self.total(evidence))
 
+    def identity(self, evidence: Mapping[str, float]) -> float:
+        """`total`, if the box sat right: how much says that it is the target at all."""
+        return self.total({**evidence, "off": 0.0})
+
     def known(self, evidence: Mapping[str, float]) -> float:
-        """What the score would be if the box sat right: whether it is the target at all."""
-        return _logistic(self.total({**evidence, "off": 0.0}))
+        """The score that goes with `identity`."""
+        return _logistic(self.identity(evidence))
 
 
 def _logistic(total: float) -> float:

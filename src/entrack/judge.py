@@ -79,9 +79,8 @@ class Judge:
             peak = cf.peak(there.response, near(len(there.response)))
             evidence = self.evidence(target, there, peak, box)
             evidence |= target.recalled(replace(search.past, leap=1.0), other)
-            # Which of the two it is, and not which box sits better.
-            there_, here = ({**seen, "off": 0.0} for seen in (evidence, look.evidence))
-            lead = self.config.score.total(there_) - self.config.score.total(here)
+            weights = self.config.score
+            lead = weights.identity(evidence) - weights.identity(look.evidence)
             if search.compare(box, lead if colours.nearer(other, own) else 0.0):
                 target.box, target.look = search.restart(box), replace(look, evidence=evidence)
                 return self.config.score.chance(evidence)
