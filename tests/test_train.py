@@ -20,7 +20,7 @@ from entrack.learn.bank import Chunk
 from entrack.learn.bank import Source as Looks
 from entrack.learn.config import BankConfig, TrainConfig
 from entrack.learn.store import bad_frames, keep, kept
-from entrack.learn.train import Source, Training, preset
+from entrack.learn.train import Source, Training, preset, shortened
 from entrack.video import VideoWriter
 
 TINY = """
@@ -208,6 +208,16 @@ def test_frames_that_cannot_be_read_are_left_out_and_counted(tmp_path: Path):
     [sequence] = kept(tmp_path / "store", ["s"])
     np.testing.assert_array_equal(sequence.boxes, boxes[[0, 1, 3]])
     assert [int(sequence.frames[k][0, 0, 0]) for k in range(3)] == [0, 1, 3]
+
+
+def test_validation_clips_that_are_not_there_are_told(trained, clips: Path, tmp_path: Path):
+    config = tmp_path / "other.toml"
+    text = TINY.replace('["b"]', '["b", "0004"]').replace("rounds = 2", "rounds = 0")
+    config.write_text(text)
+    training = train(config, clips, tmp_path / "run")
+    told = "1 of 2 validation clips (not in the data, such as 0004)"
+    assert told in shortened(training.failed)
+    assert training.checks == ("b",)
 
 
 @pytest.mark.parametrize("name", ["default", "paper"])

@@ -45,7 +45,8 @@ def gather(
 ) -> Names:
     """Put all clips into `folder`, but those that are there.
 
-    Clips that cannot be used, or not whole, are noted in `failed` with the reason.
+    Clips that cannot be used, or not whole, are noted in `failed` with the reason; and those that
+    were to be set aside for validation, and are not there: others are learned from.
 
     Raises
     ------
@@ -69,6 +70,9 @@ def gather(
             failed[name] = str(error)
         report(step, len(clips))
     aside = {name for name in names if name in config.validation}
+    if unknown := sorted(set(config.validation) - {name for name, _ in clips}):
+        every = f"{len(unknown)} of {len(config.validation)} validation clips"
+        failed[every] = f"not in the data, such as {unknown[0]}"
     made = tuple(name for name in names if name.startswith("made-"))
     train = tuple(n for n in names if n not in made and n not in aside)
     if not train and not made:
