@@ -149,9 +149,22 @@ def test_a_target_that_moves_as_expected_is_not_doubted():
 def test_the_likeliest_place_is_the_highest_peak_over_its_ground():
     windows = [around((x, 100, 40, 40), WindowConfig()) for x in (100, 300)]
     responses = np.stack([0.9 + 0 * cf.label(18, 0.7), np.roll(cf.label(18, 0.7), 3, axis=0)])
-    box = likeliest(responses, windows, np.array([30.0, 50]))
+    box = likeliest(responses, windows, np.array([30.0, 50]), (640, 480))
     np.testing.assert_allclose(boxes.centre(box), [320, 140], atol=0.1)
     assert box[2:].tolist() == [30, 50]
+
+
+def test_the_likeliest_place_is_in_the_picture():
+    """Beyond its border every window shows the same, and a challenger would leave for ever."""
+    window = around((290, 10, 40, 40), WindowConfig())  # 120 pixels, 6.7 a cell, about (310, 30)
+    peak = cf.label(18, 0.7)
+    above, right, inside = (np.roll(peak, move, (0, 1)) for move in ((-8, 0), (0, 5), (2, -3)))
+    responses = (above + 0.8 * right + 0.5 * inside)[None]
+    found = [
+        boxes.centre(likeliest(responses, [window], np.array([30.0, 30]), frame)).tolist()
+        for frame in ((640, 480), (320, 240))
+    ]
+    np.testing.assert_allclose(found, [[343.3, 30], [290, 43.3]], atol=0.5)
 
 
 def test_places_are_inside_the_picture_and_all_are_seen_in_turn():

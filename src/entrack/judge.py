@@ -13,14 +13,17 @@ from entrack import box as boxes_
 from entrack import filter as cf
 from entrack.box import Boxes
 from entrack.config import Config
-from entrack.recovery import likeliest, near
+from entrack.recovery import in_sight, likeliest, near
 from entrack.target import Look, Target
 from entrack.trunk import Maps
 from entrack.window import Image, Window
 
 
 class Judge:
-    """Sees with a tracker's filter: `fit` and `respond` are the tracker's, eqs. 2 and 3."""
+    """Sees with a tracker's filter: `fit` and `respond` are the tracker's, eqs. 2 and 3.
+
+    `frame` is the picture's width and height.
+    """
 
     def __init__(
         self,
@@ -28,8 +31,9 @@ class Judge:
         taper: cf.Features,
         fit: Callable[[cf.Features], cf.Spectrum],
         respond: Callable[[cf.Spectrum, cf.Spectrum], cf.Features],
+        frame: tuple[int, int],
     ) -> None:
-        self.config = config
+        self.config, self._frame = config, frame
         self._taper, self._fit, self._respond = taper, fit, respond
         self._compares = any(w.compares for w in (config.score, config.spread) if w)
 
@@ -93,7 +97,9 @@ class Judge:
         response = self._respond(target.origin.weights, look.spectrum)
         peak = cf.peak(response, near(len(response)))
         shift = np.array([peak.dx, peak.dy]) * look.window.box[2:] / len(response)
-        return boxes_.from_centre(boxes_.centre(look.window.box) + shift, target.search.held[2:])
+        size = target.search.held[2:]
+        centre = in_sight(boxes_.centre(look.window.box) + shift, size, self._frame)
+        return boxes_.from_centre(centre, size)
 
     def _likeliest(self, target: Target, besides: Look | None = None) -> Boxes:
         """Where a target is likeliest: in the places looked at, or what is `besides` its box."""
@@ -111,7 +117,7 @@ class Judge:
             sizes = [size / window.box[2:] for window in places]
             parts = zip(responses, patches, sizes, strict=True)
             responses = np.stack([target.colours.weigh(*part) for part in parts])
-        return likeliest(responses, places, size, own)
+        return likeliest(responses, places, size, self._frame, own)
 
     def _mean(self, filters: list[cf.Spectrum], candidate: cf.Spectrum) -> cf.Features:
         """What several filters answer, in the mean."""

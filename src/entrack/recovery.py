@@ -138,6 +138,14 @@ def _apart(n: int, box: Boxes, window: Window) -> NDArray[np.float64]:
     return np.maximum(*np.abs(_away(n, boxes_.centre(window.to_patch(box)) * n / window.size)))
 
 
+def _within(n: int, window: Window, size: Boxes, frame: tuple[int, int]) -> NDArray[np.bool_]:
+    """Which cells (n, n) of a window's response stand for a box that is partly in the frame."""
+    across = (np.arange(n) - n // 2)[:, None] / n + 0.5  # in shares of the window
+    centres = across * (window.w, window.h) + (window.x, window.y)
+    x, y = (np.abs(centres - np.divide(frame, 2)) <= (size + frame) / 2).T
+    return y[:, None] & x
+
+
 def near(n: int) -> cf.Features:
     """1 where a response (n, n) may be that of what is in the middle of the window, else 0."""
     apart = np.maximum(*np.abs(_away(n, np.full(2, n / 2))))
@@ -145,14 +153,22 @@ def near(n: int) -> cf.Features:
 
 
 def likeliest(
-    responses: cf.Features, windows: list[Window], size: Boxes, other: Boxes | None = None
+    responses: cf.Features,
+    windows: list[Window],
+    size: Boxes,
+    frame: tuple[int, int],
+    other: Boxes | None = None,
 ) -> Boxes:
     """The box of `size` (2,) where windows (N) answer most, by their responses (N, n, n).
+
+    Some of it is in the `frame` (width and height): beyond, windows show the border's pixels.
 
     Features are not tapered here, so that a target off the centre answers as well; what a flat
     ground answers is left out of account, and so is what is at the box `other`.
     """
     responses = responses - np.median(responses, axis=(1, 2), keepdims=True)
+    seen = np.stack([_within(responses.shape[-1], window, size, frame) for window in windows])
+    responses = np.where(seen, responses, responses.min())
     if other is not None:
         apart = np.stack([_apart(responses.shape[-1], other, window) for window in windows])
         responses = np.where(apart > ELSEWHERE, responses, responses.min())
@@ -160,7 +176,12 @@ def likeliest(
     window, peak = windows[best], cf.peak(responses[best])
     cell = window.box[2:] / responses.shape[-1]
     centre = boxes_.centre(window.box) + np.array([peak.dx, peak.dy]) * cell
-    return boxes_.from_centre(centre, size)
+    return boxes_.from_centre(in_sight(centre, size, frame), size)
+
+
+def in_sight(centre: Boxes, size: Boxes, frame: tuple[int, int]) -> Boxes:
+    """The nearest centre (2,) of a box of `size` (2,) that is partly in the frame."""
+    return np.clip(centre, -size / 2, frame + size / 2)
 
 
 @dataclass

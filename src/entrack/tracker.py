@@ -390,7 +390,7 @@ class Tracker:
     @property
     def _judge(self) -> Judge:
         # One that is kept would hold the tracker, which holds it: memory that only a sweep frees.
-        return Judge(self.config, self._taper, self.fit, self.respond)
+        return Judge(self.config, self._taper, self.fit, self.respond, self._size)
 
     def fit(self, template: cf.Features) -> cf.Spectrum:
         """Ŵ for a template (eq. 2); override it and `respond` to try another filter."""
