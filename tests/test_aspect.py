@@ -1,5 +1,6 @@
 """The aspect ratio that is told: found afresh in every look, and worked with in none."""
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import cv2
@@ -13,6 +14,7 @@ from entrack.config import AspectConfig, Config, parse
 from entrack.errors import EntrackError
 from entrack.filter import Features
 from entrack.tracker import Tracker
+from entrack.trunk import Maps
 from entrack.window import Image, Window
 
 WINDOW = Window(0.0, 0.0, 288.0, 288.0, 288)
@@ -35,8 +37,13 @@ def _picture(wider: float) -> Image:
     return ground
 
 
-def _features() -> Features:
-    return np.random.default_rng(0).normal(size=(8, 18, 18)).astype(np.float32)
+def _features() -> Maps:
+    rng = np.random.default_rng(0)
+    return Maps(*(rng.normal(size=(8, n, n)).astype(np.float32) for n in (18, 36)))
+
+
+def _each(maps: Maps, change: Callable[[Features], Features]) -> Maps:
+    return Maps(*(change(part) for part in maps))
 
 
 def _aspect(mean: float) -> Aspect:
@@ -81,8 +88,8 @@ def test_small_changes_are_none_and_large_ones_end(mean: float, change: float) -
 
 
 def test_what_is_as_wide_as_it_is_high_tells_no_change_and_the_action_does() -> None:
-    features = _features()
-    features = features + features.swapaxes(1, 2)  # to the right as it is downwards
+    # To the right as it is downwards.
+    features = _each(_features(), lambda part: part + part.swapaxes(1, 2))
     aspect = Aspect.of(features, BOX, WINDOW, AspectConfig(action=1.5, rate=0.4))
     assert aspect.then(features, BOX, WINDOW, 0.0).mean == pytest.approx(0, abs=1e-5)
     assert aspect.then(features, BOX, WINDOW, 0.2).mean == pytest.approx(0.4 * 1.5 * 0.2, abs=1e-5)
@@ -93,7 +100,8 @@ def test_what_is_as_wide_as_it_is_high_tells_no_change_and_the_action_does() -> 
 def test_a_network_that_overflowed_tells_nothing() -> None:
     aspect = _aspect(0.4)
     assert aspect.then(_features(), BOX, WINDOW, float("nan")) == aspect
-    assert aspect.then(_features() * np.float32(np.inf), BOX, WINDOW, 0.0).mean == aspect.mean
+    infinite = _each(_features(), lambda part: part * np.float32(np.inf))
+    assert aspect.then(infinite, BOX, WINDOW, 0.0).mean == aspect.mean
 
 
 def test_only_boxes_that_keep_their_aspect_are_stretched() -> None:

@@ -5,9 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from entrack import box as boxes
 from entrack.config import Config, LikenessConfig, ScaleConfig, parse
 from entrack.errors import EntrackError
-from entrack.likeness import FURTHEST, Likeness
+from entrack.likeness import FURTHEST, LEAST, Likeness, Parts
 from entrack.tracker import Tracker
 from entrack.trunk import Maps
 from entrack.window import Window, WindowConfig, around
@@ -128,6 +129,26 @@ def test_the_score_hears_how_far_a_box_is_off():
     )
     assert more == pytest.approx(4 * a_little, rel=0.3) and 0 < more < 1
     assert likeness.off(times(seen, 50), BOX, window) == 1
+
+
+@pytest.mark.parametrize("wider", [-0.2, -0.1, 0.0, 0.1, 0.2])
+def test_parts_tell_how_much_wider_the_target_is_than_a_box(wider: float):
+    window = around(BOX, WindowConfig())
+    fine = scene(window).fine
+    parts = Parts.of(fine, BOX, window)
+    narrow = boxes.from_centre(boxes.centre(BOX), BOX[2:] * np.exp([-wider / 2, wider / 2]))
+    assert parts.wider(fine, narrow, window) == pytest.approx(wider, abs=0.05)
+    aside = narrow + np.array([2.0, -3.0, 0, 0])
+    assert parts.wider(fine, aside, window) == pytest.approx(wider, abs=0.05)
+
+
+def test_parts_that_are_nowhere_tell_nothing():
+    window = around(BOX, WindowConfig())
+    fine = scene(window).fine
+    parts = Parts.of(fine, BOX, window)
+    assert parts.wider(fine, BOX + np.array([5000.0, 0, 0, 0]), window) == 0
+    everywhere = np.broadcast_to(parts.around[:, None, None], fine.shape).astype(np.float32)
+    assert abs(parts.wider(everywhere, BOX, window)) <= -np.log(LEAST)
 
 
 def test_a_trunk_that_tells_no_finer_map_has_z_for_it():

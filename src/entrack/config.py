@@ -89,12 +89,14 @@ class LikenessConfig:
 class AspectConfig:
     """How the aspect ratio of the box that is told is found, see `entrack.aspect`."""
 
-    action: float = Field(default=1.0, ge=0)
-    """Logarithm of its change, for an action that would change it by a logarithm of 1 …"""
-    alike: float = Field(default=9.0, ge=0)
-    """… and for a difference of 1 between the cosines of a wider and of a narrower box."""
+    action: float = Field(default=0.6, ge=0)
+    """Logarithm of its change, for an action that would change it by a logarithm of 1, …"""
+    alike: float = Field(default=5.4, ge=0)
+    """… for a difference of 1 between the cosines of a wider and of a narrower box, …"""
+    parts: float = Field(default=0.6, ge=0)
+    """… and for parts of the first box that are wider apart by a logarithm of 1."""
     rate: float = Field(default=0.3, gt=0, le=1)
-    """Share of a frame in the running mean of both."""
+    """Share of a frame in the running mean of all."""
     slack: float = Field(default=0.15, ge=0)
     """Logarithm up to which the mean is left out of account."""
 

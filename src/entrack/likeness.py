@@ -22,7 +22,7 @@ from entrack import filter as cf
 from entrack.box import Boxes
 from entrack.config import LikenessConfig
 from entrack.filter import Features
-from entrack.state import GRID, sample_boxes
+from entrack.state import GRID, sample_boxes, unit
 from entrack.trunk import Maps
 from entrack.window import Window
 
@@ -36,6 +36,14 @@ WIDER = 1.4
 """… by this factor: where it ends says more than what is in its middle."""
 CLEARLY = 0.1
 """Sizes from which on a box is clearly off."""
+PLACES = ((np.arange(GRID) + 0.5) / GRID - 0.5).astype(np.float32)
+"""Where the parts of the first box are, in sizes from its centre …"""
+NEAR, HEAT = 0.3, 0.04
+"""… so near to which each is looked for, and by how much less alike it is hardly there …"""
+SHARP = 0.002
+"""… and how well its place is known at best: the square of its error."""
+LEAST = 0.2
+"""Parts do not come nearer together than that."""
 
 
 @dataclass(frozen=True)
@@ -97,6 +105,61 @@ class FirstLook:
         wider = boxes_.from_centre(boxes_.centre(box), WIDER * box[2:])
         change = sample_boxes(features, [wider], window, self.side).ravel() - self.seen
         return np.asarray(change @ self.moves, np.float64)
+
+
+@dataclass(frozen=True)
+class Parts:
+    """What a map had at points of the first box, each of which is looked for by itself."""
+
+    around: Features
+    """Means (C,) of the first frame's window."""
+    seen: Features
+    """What `GRID` × `GRID` points of the box had beyond them, at length 1 (GRID², C)."""
+
+    @classmethod
+    def of(cls, features: Features, box: Boxes, window: Window) -> "Parts":
+        """Remember `box` in a window with features (C, n, n)."""
+        inside = Inside.of(features, box, window, GRID)
+        return cls(inside.around, unit(inside.seen.T).T)
+
+    def wider(self, features: Features, box: Boxes, window: Window) -> float:
+        """By what logarithm they are further apart from left to right than from top to bottom.
+
+        Each is looked for near where it is in `box`: a soft maximum of cosines. Least squares, in
+        which those count that are found, and found in one place, say how far apart they are.
+        """
+        n = features.shape[-1]
+        left, top, w, h = (window.to_patch(box) * (n / window.size)).tolist()
+        where = np.arange(n, dtype=np.float32) + np.float32(0.5)  # cells, in sizes from its centre
+        x, y = ((where - start) / size - np.float32(0.5) for start, size in ((left, w), (top, h)))
+        columns, rows = (np.flatnonzero(np.abs(c) < 0.5 + NEAR) for c in (x, y))
+        if not (len(columns) and len(rows)):
+            return 0.0
+        x, y = x[columns], y[rows]
+        cells = features[:, rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
+        alike = self.seen @ unit(cells.reshape(len(cells), -1) - self.around[:, None])
+        alike = alike.reshape(-1, len(y), len(x))
+        across, down = np.tile(PLACES, GRID), np.repeat(PLACES, GRID)
+        near = np.abs(y - down[:, None])[:, :, None] < NEAR
+        near = near & (np.abs(x - across[:, None])[:, None] < NEAR)
+        alike = np.where(near, alike, np.float32(-9))
+        best = alike.max(axis=(1, 2), keepdims=True)
+        share = np.exp((alike - best) / HEAT)
+        share /= share.sum(axis=(1, 2), keepdims=True)
+        right, lower = share.sum(axis=1), share.sum(axis=2)
+        found = right @ x, lower @ y
+        spread = right @ x**2 + lower @ y**2 - found[0] ** 2 - found[1] ** 2
+        counts = np.maximum(best.ravel(), 0) ** 4 / (SHARP + spread)
+        grown = (_slope(*pair, counts) for pair in ((across, found[0]), (down, found[1])))
+        width, height = (math.log(max(g, LEAST)) for g in grown)
+        return width - height
+
+
+def _slope(x: Features, y: Features, counts: Features) -> float:
+    """Of the line that fits y (k,) best: by what factor x (k,) is stretched."""
+    counts = counts / max(float(counts.sum()), 1e-9)
+    off = x - counts @ x
+    return float((counts * off) @ (y - counts @ y)) / max(float((counts * off) @ off), 1e-9)
 
 
 @dataclass(frozen=True)

@@ -115,7 +115,7 @@ class Tracker:
         if self.config.likeness:
             target.likeness = Likeness.of(maps, box, window, self.config.likeness)
         if self.config.aspect:
-            target.aspect = Aspect.of(x, box, window, self.config.aspect)
+            target.aspect = Aspect.of(maps, box, window, self.config.aspect)
         return target
 
     def add(self, box: ArrayLike, image: Any = None) -> int:
@@ -362,8 +362,8 @@ class Tracker:
         if learns and target.likeness:
             target.likeness = target.likeness.learn(look.maps, target.box, look.window)
         if learns and target.aspect:
-            aspect, wider = target.aspect, answer.wider
-            target.aspect = aspect.then(look.features, target.box, look.window, wider)
+            wider = answer.wider
+            target.aspect = target.aspect.then(look.maps, target.box, look.window, wider)
         due = learns and learn.rate > 0 and target.waited + 1 >= learn.every
         target.waited, target.unlearned = 0 if due else target.waited + 1, None
         target.turn = (target.turn - 1) % self.config.scale.every

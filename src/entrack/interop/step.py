@@ -51,7 +51,8 @@ class Step(Matching):
         self.remembered += ["past"] if config.score.recalls else []
         self.remembered += ["turn"] if config.scale.every > 1 else []
         self.remembered += ["colours", "tint"] if config.colour else []
-        self.remembered += ["first_fine", "inside", "inside_fine"] if config.likeness else []
+        self.remembered += ["first_fine"] if config.likeness or config.aspect else []
+        self.remembered += ["inside", "inside_fine"] if config.likeness else []
         self.remembered += ["aspect"] if config.aspect else []
         self.colouring = Colouring(config.colour, n) if config.colour else None
         weights = {} if policy is None else _weights(policy, n)
@@ -123,6 +124,9 @@ class Step(Matching):
         if config.aspect:
             found = self.looks_wider(features[1:][used][0], first, roi, place)
             found = config.aspect.action * wider + config.aspect.alike * found
+            if config.aspect.parts:
+                apart = self.wider(fine[1:][used][0], first_fine, roi, place)
+                found = found + config.aspect.parts * apart
             aspect = aspect + config.aspect.rate * learns * (found - aspect)
         if not again:
             side = size.prod().sqrt().expand(2) if config.window.shape == "square" else size

@@ -5,11 +5,22 @@ import math
 from typing import NamedTuple
 
 import torch
+import torch.nn.functional as F
 from torch import Tensor
 
 from entrack import aspect as aspects
 from entrack.interop.step_filter import Filtering
-from entrack.likeness import AROUND_FINER, FINER, FURTHEST, WIDER
+from entrack.likeness import (
+    AROUND_FINER,
+    FINER,
+    FURTHEST,
+    HEAT,
+    LEAST,
+    NEAR,
+    PLACES,
+    SHARP,
+    WIDER,
+)
 from entrack.state import GRID, GROWN
 
 
@@ -90,6 +101,32 @@ class Matching(Filtering):
             return (seen * known).sum() / (seen.norm() * known.norm()).clamp_min(1e-9)
 
         return alike(aspects.STEP / 2) - alike(-aspects.STEP / 2)
+
+    def wider(self, fine: Tensor, first: Tensor, roi: Tensor, place: Tensor) -> Tensor:
+        """`likeness.Parts.wider`."""
+        n, points = fine.shape[-1], torch.from_numpy(PLACES)
+        known = F.normalize(self.beyond(first, first, roi).flatten(1), dim=0)
+        cells = F.normalize((fine - first.mean((1, 2), keepdim=True)).flatten(1), dim=0)
+        where = (torch.arange(n) + 0.5) / n
+        x, y = [(where - place[k]) / place[k + 2] - 0.5 for k in (0, 1)]
+        across, down = points.repeat(GRID), points.repeat_interleave(GRID)
+        near = (y - down[:, None]).abs()[:, :, None] < NEAR
+        near = near & ((x - across[:, None]).abs()[:, None] < NEAR)
+        alike = (known.T @ cells).reshape(-1, n, n).masked_fill(~near, -9.0)
+        best = alike.amax((1, 2))
+        share = torch.softmax(alike.flatten(1) / HEAT, 1).reshape(-1, n, n)
+        right, lower = share.sum(1), share.sum(2)
+        found = right @ x, lower @ y
+        spread = right @ x**2 + lower @ y**2 - found[0] ** 2 - found[1] ** 2
+        counts = best.clamp_min(0) ** 4 / (SHARP + spread)
+        counts = counts / counts.sum().clamp_min(1e-9)
+
+        def slope(a: Tensor, b: Tensor) -> Tensor:
+            off = a - counts @ a
+            grown = (counts * off) @ (b - counts @ b) / ((counts * off) @ off).clamp_min(1e-9)
+            return grown.clamp_min(LEAST).log()
+
+        return slope(across, found[0]) - slope(down, found[1])
 
     def stretched(self, box: Tensor, mean: Tensor) -> Tensor:
         """`aspect.Aspect.stretch`."""
