@@ -36,13 +36,13 @@ WIDER = 1.4
 """… by this factor: where it ends says more than what is in its middle."""
 CLEARLY = 0.1
 """Sizes from which on a box is clearly off."""
-PLACES = ((np.arange(GRID) + 0.5) / GRID - 0.5).astype(np.float32)
+ALONG = ((np.arange(GRID) + 0.5) / GRID - 0.5).astype(np.float32)
 """Where the parts of the first box are, in sizes from its centre …"""
-NEAR, HEAT = 0.3, 0.04
+WITHIN, HEAT = 0.3, 0.04
 """… so near to which each is looked for, and by how much less alike it is hardly there …"""
 SHARP = 0.002
 """… and how well its place is known at best: the square of its error."""
-LEAST = 0.2
+CLOSEST = 0.2
 """Parts do not come nearer together than that."""
 
 
@@ -133,7 +133,7 @@ class Parts:
         left, top, w, h = (window.to_patch(box) * (n / window.size)).tolist()
         where = np.arange(n, dtype=np.float32) + np.float32(0.5)  # cells, in sizes from its centre
         x, y = ((where - start) / size - np.float32(0.5) for start, size in ((left, w), (top, h)))
-        columns, rows = (np.flatnonzero(np.abs(c) < 0.5 + NEAR) for c in (x, y))
+        columns, rows = (np.flatnonzero(np.abs(c) < 0.5 + WITHIN) for c in (x, y))
         if not (len(columns) and len(rows)):
             return 0.0
         x, y = x[columns], y[rows]
@@ -142,9 +142,9 @@ class Parts:
         cells /= np.maximum(np.sqrt((cells * cells).sum(axis=1, keepdims=True)), np.float32(1e-12))
         # Row by row: small products, for which no BLAS wakes its threads.
         alike = np.matmul(self.seen, cells).swapaxes(0, 1)
-        across, down = np.tile(PLACES, GRID), np.repeat(PLACES, GRID)
-        near = np.abs(y - down[:, None])[:, :, None] < NEAR
-        near = near & (np.abs(x - across[:, None])[:, None] < NEAR)
+        across, down = np.tile(ALONG, GRID), np.repeat(ALONG, GRID)
+        near = np.abs(y - down[:, None])[:, :, None] < WITHIN
+        near = near & (np.abs(x - across[:, None])[:, None] < WITHIN)
         alike = np.where(near, alike, np.float32(-9))
         best = alike.max(axis=(1, 2), keepdims=True)
         share = np.exp((alike - best) / HEAT)
@@ -154,7 +154,7 @@ class Parts:
         spread = right @ x**2 + lower @ y**2 - found[0] ** 2 - found[1] ** 2
         counts = np.maximum(best.ravel(), 0) ** 4 / (SHARP + spread)
         grown = (_slope(*pair, counts) for pair in ((across, found[0]), (down, found[1])))
-        width, height = (math.log(max(g, LEAST)) for g in grown)
+        width, height = (math.log(max(g, CLOSEST)) for g in grown)
         return width - height
 
 

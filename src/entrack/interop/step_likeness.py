@@ -11,15 +11,15 @@ from torch import Tensor
 from entrack import aspect as aspects
 from entrack.interop.step_filter import Filtering
 from entrack.likeness import (
+    ALONG,
     AROUND_FINER,
+    CLOSEST,
     FINER,
     FURTHEST,
     HEAT,
-    LEAST,
-    NEAR,
-    PLACES,
     SHARP,
     WIDER,
+    WITHIN,
 )
 from entrack.state import GRID, GROWN
 
@@ -104,14 +104,14 @@ class Matching(Filtering):
 
     def wider(self, fine: Tensor, first: Tensor, roi: Tensor, place: Tensor) -> Tensor:
         """`likeness.Parts.wider`."""
-        n, points = fine.shape[-1], torch.from_numpy(PLACES)
+        n, points = fine.shape[-1], torch.from_numpy(ALONG)
         known = F.normalize(self.beyond(first, first, roi).flatten(1), dim=0)
         cells = F.normalize((fine - first.mean((1, 2), keepdim=True)).flatten(1), dim=0)
         where = (torch.arange(n) + 0.5) / n
         x, y = [(where - place[k]) / place[k + 2] - 0.5 for k in (0, 1)]
         across, down = points.repeat(GRID), points.repeat_interleave(GRID)
-        near = (y - down[:, None]).abs()[:, :, None] < NEAR
-        near = near & ((x - across[:, None]).abs()[:, None] < NEAR)
+        near = (y - down[:, None]).abs()[:, :, None] < WITHIN
+        near = near & ((x - across[:, None]).abs()[:, None] < WITHIN)
         alike = (known.T @ cells).reshape(-1, n, n).masked_fill(~near, -9.0)
         best = alike.amax((1, 2))
         share = torch.softmax(alike.flatten(1) / HEAT, 1).reshape(-1, n, n)
@@ -124,7 +124,7 @@ class Matching(Filtering):
         def slope(a: Tensor, b: Tensor) -> Tensor:
             off = a - counts @ a
             grown = (counts * off) @ (b - counts @ b) / ((counts * off) @ off).clamp_min(1e-9)
-            return grown.clamp_min(LEAST).log()
+            return grown.clamp_min(CLOSEST).log()
 
         return slope(across, found[0]) - slope(down, found[1])
 
