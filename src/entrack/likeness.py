@@ -22,7 +22,7 @@ from entrack import filter as cf
 from entrack.box import Boxes
 from entrack.config import LikenessConfig
 from entrack.filter import Features
-from entrack.state import GRID, sample_boxes
+from entrack.state import GRID, sample_boxes, unit
 from entrack.trunk import Maps
 from entrack.window import Window
 
@@ -120,8 +120,7 @@ class Parts:
     def of(cls, features: Features, box: Boxes, window: Window) -> "Parts":
         """Remember `box` in a window with features (C, n, n)."""
         inside = Inside.of(features, box, window, GRID)
-        length = np.linalg.norm(inside.seen, axis=1, keepdims=True)
-        return cls(inside.around, inside.seen / np.maximum(length, np.float32(1e-12)))
+        return cls(inside.around, unit(inside.seen, axis=1))
 
     def wider(self, features: Features, box: Boxes, window: Window) -> float:
         """By what logarithm they are further apart from left to right than from top to bottom.
@@ -138,14 +137,13 @@ class Parts:
             return 0.0
         x, y = x[columns], y[rows]
         cells = features[:, rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
-        cells = cells.swapaxes(0, 1) - self.around[:, None]
-        cells /= np.maximum(np.sqrt((cells * cells).sum(axis=1, keepdims=True)), np.float32(1e-12))
+        cells = unit(cells.swapaxes(0, 1) - self.around[:, None], axis=1)
         # Row by row: small products, for which no BLAS wakes its threads.
         alike = np.matmul(self.seen, cells).swapaxes(0, 1)
         across, down = np.tile(ALONG, GRID), np.repeat(ALONG, GRID)
         near = np.abs(y - down[:, None])[:, :, None] < WITHIN
         near = near & (np.abs(x - across[:, None])[:, None] < WITHIN)
-        alike = np.where(near, alike, np.float32(-9))
+        alike = np.where(near, alike, np.float32(-9))  # no cosine, and no share of the maximum
         best = alike.max(axis=(1, 2), keepdims=True)
         share = np.exp((alike - best) / HEAT)
         share /= share.sum(axis=(1, 2), keepdims=True)

@@ -142,7 +142,7 @@ def _within(n: int, window: Window, size: Boxes, frame: tuple[int, int]) -> NDAr
     """Which cells (n, n) of a window's response stand for a box that is partly in the frame."""
     across = (np.arange(n) - n // 2)[:, None] / n + 0.5  # in shares of the window
     centres = across * (window.w, window.h) + (window.x, window.y)
-    x, y = (np.abs(centres - np.divide(frame, 2)) <= (size + frame) / 2).T
+    x, y = (in_sight(centres, size, frame) == centres).T
     return y[:, None] & x
 
 
@@ -167,20 +167,20 @@ def likeliest(
     ground answers is left out of account, and so is what is at the box `other`.
     """
     responses = responses - np.median(responses, axis=(1, 2), keepdims=True)
-    seen = np.stack([_within(responses.shape[-1], window, size, frame) for window in windows])
-    responses = np.where(seen, responses, responses.min())
+    n = responses.shape[-1]
+    counts = np.stack([_within(n, window, size, frame) for window in windows])
     if other is not None:
-        apart = np.stack([_apart(responses.shape[-1], other, window) for window in windows])
-        responses = np.where(apart > ELSEWHERE, responses, responses.min())
+        counts &= np.stack([_apart(n, other, window) for window in windows]) > ELSEWHERE
+    responses = np.where(counts, responses, responses.min())
     best = int(responses.max(axis=(1, 2)).argmax())
     window, peak = windows[best], cf.peak(responses[best])
-    cell = window.box[2:] / responses.shape[-1]
+    cell = window.box[2:] / n
     centre = boxes_.centre(window.box) + np.array([peak.dx, peak.dy]) * cell
     return boxes_.from_centre(in_sight(centre, size, frame), size)
 
 
 def in_sight(centre: Boxes, size: Boxes, frame: tuple[int, int]) -> Boxes:
-    """The nearest centre (2,) of a box of `size` (2,) that is partly in the frame."""
+    """The nearest centres (…, 2) of boxes of `size` (2,) that are partly in the frame."""
     return np.clip(centre, -size / 2, frame + size / 2)
 
 

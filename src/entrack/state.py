@@ -165,7 +165,7 @@ class Conditioned:
     def remember(self, features: Array, roi: Array) -> tuple[Array, Array]:
         """See `F1`: unit vectors of the box's points (d, 64), and a gate (e,) from its mean."""
         points = sample_grid(features, roi)
-        keys = _unit(_project(points, self.w["match.weight"], self.w["match.bias"]))
+        keys = unit(_project(points, self.w["match.weight"], self.w["match.bias"]))
         mean = points[:, 1:-1, 1:-1].mean(axis=(1, 2))
         return keys, self.w["gate.weight"] @ mean + self.w["gate.bias"]
 
@@ -173,7 +173,7 @@ class Conditioned:
         """See `F1`."""
         keys, gate = cast(tuple[Array, Array], target)
         n = features.shape[-1]
-        matched = _unit(_project(features, self.w["match.weight"], self.w["match.bias"]))
+        matched = unit(_project(features, self.w["match.weight"], self.w["match.bias"]))
         belongs = _project(features, self.w["belong.weight"], self.w["belong.bias"])
         itself = _project(features, self.w["itself.weight"], self.w["itself.bias"])
         seen = [4 * keys.T @ matched, _relu(belongs) * gate[:, None], itself]
@@ -215,9 +215,10 @@ def _relu(x: Array) -> Array:
     return np.maximum(x, 0)
 
 
-def _unit(x: Array) -> Array:
-    """Columns (d, cells) at length 1."""
-    return x / np.maximum(np.sqrt((x * x).sum(axis=0)), 1e-12)
+def unit(x: Array, axis: int = 0) -> Array:
+    """The same at length 1 along an axis."""
+    length = np.sqrt((x * x).sum(axis=axis, keepdims=True))
+    return x / np.maximum(length, np.float32(1e-12))
 
 
 def _project(features: Array, weight: Array, bias: Array) -> Array:
