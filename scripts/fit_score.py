@@ -22,11 +22,9 @@ from entrack.evaluation.ope import valid
 NAMED = ("psr", "unseen", "rival", "leap", "swap", "off")
 """The signals that count; others say less of footage that was left out of the fit."""
 SIDES = {
-    "default": (
-        "peak", "psr", "first", "unseen", "rival", "same", "colour", "leap", "unrest", "sigma",
-    ),
+    "default": ("peak", "first", "swap", "sigma"),
     "longterm": ("peak", "first", "colour", "leap", "sigma", "lost", "gone"),
-}  # fmt: skip
+}
 """What σ is made of."""
 HELD = -2.3267
 """`bias` + `lost`: what a box that is held while its target is searched begins with."""

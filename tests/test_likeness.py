@@ -137,18 +137,42 @@ def test_parts_tell_how_much_wider_the_target_is_than_a_box(wider: float):
     fine = scene(window).fine
     parts = Parts.of(fine, BOX, window)
     narrow = boxes.from_centre(boxes.centre(BOX), BOX[2:] * np.exp([-wider / 2, wider / 2]))
-    assert parts.wider(fine, narrow, window) == pytest.approx(wider, abs=0.05)
+    assert parts.found(fine, narrow, window).wider == pytest.approx(wider, abs=0.05)
     aside = narrow + np.array([2.0, -3.0, 0, 0])
-    assert parts.wider(fine, aside, window) == pytest.approx(wider, abs=0.05)
+    assert parts.found(fine, aside, window).wider == pytest.approx(wider, abs=0.05)
+
+
+@pytest.mark.parametrize("moved", [(0, 0), (5, 0), (-4, 6), (8, -9)])
+def test_parts_tell_how_far_what_was_in_a_box_has_gone(moved):
+    window = around(BOX, WindowConfig())
+    parts = Parts.of(scene(window).fine, BOX, window)
+    found = parts.found(scene(window, centre=(120 + moved[0], 110 + moved[1])).fine, BOX, window)
+    np.testing.assert_allclose(found.move * BOX[2:], moved, atol=1)
+    assert found.scatter < 0.05
+
+
+def test_a_box_slips_where_it_leaves_what_was_in_it_and_not_where_both_move():
+    window, size = around(BOX, WindowConfig()), np.sqrt(40 * 60)
+    parts = Parts.of(scene(window).fine, BOX, window)
+    still, moved = scene(window).fine, scene(window, centre=(128, 110)).fine
+    here, there = np.array([120.0, 110]), np.array([128.0, 110])
+    for fine, centre, slip in ((still, here, 0), (moved, there, 0), (still, there, 8 / size)):
+        assert parts.slip(fine, BOX, window, centre) == pytest.approx(slip, abs=0.02)
+    assert parts.slip(moved, BOX, window, here) == pytest.approx(8 / size, abs=0.02)
 
 
 def test_parts_that_are_nowhere_tell_nothing():
-    window = around(BOX, WindowConfig())
+    window, centre = around(BOX, WindowConfig()), boxes.centre(BOX)
     fine = scene(window).fine
-    parts = Parts.of(fine, BOX, window)
-    assert parts.wider(fine, BOX + np.array([5000.0, 0, 0, 0]), window) == 0
+    parts, away = Parts.of(fine, BOX, window), BOX + np.array([5000.0, 0, 0, 0])
     everywhere = np.broadcast_to(parts.around[:, None, None], fine.shape).astype(np.float32)
-    assert parts.wider(everywhere, BOX, window) == 0
+    for seen, box in ((fine, away), (everywhere, BOX)):
+        assert parts.found(seen, box, window).wider == 0
+        assert parts.slip(seen, box, window, centre) == 0
+    noise = RNG.normal(size=fine.shape).astype(np.float32)
+    assert parts.slip(noise, BOX, window, centre + 9) == 0
+    with np.errstate(invalid="ignore"):
+        assert parts.slip(fine * np.float32(np.inf), BOX, window, centre) == 0
 
 
 def test_a_trunk_that_tells_no_finer_map_has_z_for_it():

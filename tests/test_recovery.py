@@ -388,6 +388,14 @@ def test_a_leap_is_relative_to_the_usual_motion():
     assert search.past.leap == pytest.approx(0.25 * 0.99**19)
 
 
+def test_a_leap_is_off_what_was_in_the_box_where_that_is_known():
+    search = Search(np.array(START, float), None)
+    search.follow(np.array([20.0, 0.0]), size=40, rival=0.5, slip=0.0)
+    assert search.past.leap == 0 and search.past.unrest == pytest.approx(0.05)
+    search.follow(np.zeros(2), size=40, rival=0.5, slip=0.08)
+    assert search.past.leap == pytest.approx(0.04)
+
+
 def test_a_target_that_leaps_in_every_frame_is_restless():
     restless, leaps_once = (Search(np.array(START, float), None) for _ in range(2))
     for k in range(40):

@@ -54,7 +54,7 @@ class Aspect:
         wider, narrower = self.inside.alike(maps.z, boxes, window).tolist()
         found = self.config.action * action + self.config.alike * (wider - narrower)
         if self.config.parts:
-            found += self.config.parts * self.parts.wider(maps.fine, box, window)
+            found += self.config.parts * self.parts.found(maps.fine, box, window).wider
         if not np.isfinite(found):
             return self
         return replace(self, mean=self.mean + self.config.rate * (found - self.mean))

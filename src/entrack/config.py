@@ -154,9 +154,10 @@ class Weights:
     """The logarithm of how much the colours in the new box differ from those in the first, which is
     0 to 1; with `[colour]` only."""
     leap: float = 0.0
-    """The logarithm of the greatest leap so far: how far the target was from where it was expected,
-    in sizes, times `rival`; up to .1. It is forgotten by a hundredth a frame, for what the tracker
-    may have gone over to looks like the target from then on."""
+    """The logarithm of the greatest leap so far: how far the box was from where that has gone which
+    was in it, see `likeness.Parts.slip`, in sizes, times `rival`; up to .1. It is forgotten by a
+    hundredth a frame, for what the tracker may have gone over to looks like the target from then
+    on. Without `[likeness]`, how far from where the target's last steps led."""
     unrest: float = 0.0
     """How far the target is from where it is expected in these frames, a running mean in sizes up
     to .2: what leaps for a restless target is no leap."""
@@ -183,6 +184,11 @@ class Weights:
     def recalls(self) -> bool:
         """Whether frames before the last one count."""
         return any((self.leap, self.unrest, self.swap))
+
+    @property
+    def leaps(self) -> bool:
+        """Whether it counts that the box has leapt, which takes time to see."""
+        return any((self.leap, self.swap))
 
     def total(self, evidence: Mapping[str, float]) -> float:
         """`bias` + Σ weight · evidence."""

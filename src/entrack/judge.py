@@ -64,7 +64,7 @@ class Judge:
             search.sure(target.box, self.config.score.known(look.evidence) if score else 0.0)
             return self._compare(target, score) if search.doubting else score
         if not search.confirmed:
-            target.box = search.restart(self._likeliest(target) if target.places else None)
+            target.restart(self._likeliest(target) if target.places else None)
         evidence = {"lost": 1.0, "gone": float(np.log(search.gone))}
         target.look = replace(look, evidence=evidence)
         return self.config.score.chance(evidence)
@@ -86,7 +86,8 @@ class Judge:
             weights = self.config.score
             lead = weights.identity(evidence) - weights.identity(look.evidence)
             if search.compare(box, lead if colours.nearer(other, own) else 0.0):
-                target.box, target.look = search.restart(box), replace(look, evidence=evidence)
+                target.restart(box)
+                target.look = replace(look, evidence=evidence)
                 return self.config.score.chance(evidence)
         if search.challenger is None:
             search.challenger = self._likeliest(target, besides=look)

@@ -13,6 +13,7 @@ best what a thing is, and the finer map that it was made of where its sides are.
 
 import math
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -44,6 +45,8 @@ SHARP = 0.002
 """… and how well its place is known at best: the square of its error."""
 CLOSEST = 0.2
 """Parts do not come nearer together than that."""
+SCATTERED = 0.1
+"""Sizes by which parts may lie about, in the mean: beyond, they were not found again."""
 
 
 @dataclass(frozen=True)
@@ -107,12 +110,30 @@ class FirstLook:
         return np.asarray(change @ self.moves, np.float64)
 
 
+class Found(NamedTuple):
+    """Where the parts of a box have gone."""
+
+    move: Boxes
+    """How far to the right and down, in sizes (2,): the mean of all."""
+    scatter: float
+    """How far from that they are, in sizes, in the mean."""
+    wider: float
+    """By what logarithm they are further apart from left to right than from top to bottom."""
+
+
+NOWHERE = Found(np.zeros(2), math.inf, 0.0)
+
+
 @dataclass(frozen=True)
 class Parts:
-    """What a map had at points of the first box, each of which is looked for by itself."""
+    """What a map had at points of a box, each of which is looked for by itself.
+
+    Those of the first box say how wide the target has become; those of the last one, where what was
+    in it is now: Lucas and Kanade once more, without their small steps.
+    """
 
     around: Features
-    """Means (C,) of the first frame's window."""
+    """Means (C,) of that frame's window."""
     seen: Features
     """What `GRID` × `GRID` points of the box had beyond them, at length 1 (GRID², C)."""
 
@@ -122,11 +143,10 @@ class Parts:
         inside = Inside.of(features, box, window, GRID)
         return cls(inside.around, unit(inside.seen, axis=1))
 
-    def wider(self, features: Features, box: Boxes, window: Window) -> float:
-        """By what logarithm they are further apart from left to right than from top to bottom.
+    def found(self, features: Features, box: Boxes, window: Window) -> Found:
+        """Look for each near where it would be in `box`: a soft maximum of cosines.
 
-        Each is looked for near where it is in `box`: a soft maximum of cosines. Least squares, in
-        which those count that are found, and found in one place, say how far apart they are.
+        In mean and least squares those count that are found, and found in one place.
         """
         n = features.shape[-1]
         left, top, w, h = (window.to_patch(box) * (n / window.size)).tolist()
@@ -134,7 +154,7 @@ class Parts:
         x, y = ((where - start) / size - np.float32(0.5) for start, size in ((left, w), (top, h)))
         columns, rows = (np.flatnonzero(np.abs(c) < 0.5 + WITHIN) for c in (x, y))
         if not (len(columns) and len(rows)):
-            return 0.0
+            return NOWHERE
         x, y = x[columns], y[rows]
         cells = features[:, rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
         cells = unit(cells.swapaxes(0, 1) - self.around[:, None], axis=1)
@@ -148,17 +168,32 @@ class Parts:
         share = np.exp((alike - best) / HEAT)
         share /= share.sum(axis=(1, 2), keepdims=True)
         right, lower = share.sum(axis=1), share.sum(axis=2)
-        found = right @ x, lower @ y
-        spread = right @ x**2 + lower @ y**2 - found[0] ** 2 - found[1] ** 2
+        found = np.stack([right @ x, lower @ y])
+        spread = right @ x**2 + lower @ y**2 - (found**2).sum(axis=0)
         counts = np.maximum(best.ravel(), 0) ** 4 / (SHARP + spread)
-        grown = (_slope(*pair, counts) for pair in ((across, found[0]), (down, found[1])))
+        counts /= max(float(counts.sum()), 1e-9)
+        places = np.stack([across, down])
+        moves = found - places
+        move = moves @ counts
+        scatter = float(np.hypot(*(moves - move[:, None])) @ counts)
+        grown = (_slope(*pair, counts) for pair in zip(places, found, strict=True))
         width, height = (math.log(max(g, CLOSEST)) for g in grown)
-        return width - height
+        return Found(move.astype(np.float64), scatter, width - height)
+
+    def slip(self, features: Features, box: Boxes, window: Window, centre: Boxes) -> float:
+        """How far a new centre is from where what was in `box` has gone, in sizes.
+
+        0 where that cannot be told, for its parts are all over the place.
+        """
+        found = self.found(features, box, window)
+        if not found.scatter <= SCATTERED:
+            return 0.0
+        off = centre - boxes_.centre(box) - found.move * box[2:]
+        return math.hypot(*off) / math.sqrt(box[2] * box[3])
 
 
 def _slope(x: Features, y: Features, counts: Features) -> float:
-    """Of the line that fits y (k,) best: by what factor x (k,) is stretched."""
-    counts = counts / max(float(counts.sum()), 1e-9)
+    """Of the line that fits y (k,) best, whose `counts` are 1 in all: the factor of x (k,)."""
     off = x - counts @ x
     return float((counts * off) @ (y - counts @ y)) / max(float((counts * off) @ off), 1e-9)
 

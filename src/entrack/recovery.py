@@ -100,7 +100,7 @@ class Origin:
 class Past:
     """What has happened since the first frame, which no later picture tells.
 
-    >>> Past().then(away=0.5, rival=0.8).then(away=0.0, rival=0.8)
+    >>> Past().then(away=0.5, leapt=0.5, rival=0.8).then(away=0.0, leapt=0.0, rival=0.8)
     Past(leap=0.396, unrest=0.045)
     """
 
@@ -109,10 +109,13 @@ class Past:
     unrest: float = 0.0
     """The running mean of how far from where it was expected the target was, in sizes."""
 
-    def then(self, away: float, rival: float) -> "Past":
-        """One frame later: the target was `away` from where it was expected, in sizes up to 1."""
+    def then(self, away: float, leapt: float, rival: float) -> "Past":
+        """One frame later, in sizes up to 1.
+
+        The target was `away` from where it was expected, and the box `leapt` off what was in it.
+        """
         return Past(
-            max((1 - FORGET) * self.leap, away * rival),
+            max((1 - FORGET) * self.leap, leapt * rival),
             (1 - RESTLESS) * self.unrest + RESTLESS * away,
         )
 
@@ -242,10 +245,21 @@ class Search:
         frames = self.unsure + self.gone if self.active else self.wary
         return self.size * min(self.config.growth * frames, self.config.reach)
 
-    def follow(self, step: NDArray[np.float64], size: float, rival: float = 1.0) -> None:
-        """Hear how far the centre of a box of this size moved (2,), and how like it another is."""
+    def follow(
+        self,
+        step: NDArray[np.float64],
+        size: float,
+        rival: float = 1.0,
+        slip: float | None = None,
+    ) -> None:
+        """Hear how far the centre of a box of this size moved (2,), and how like it another is.
+
+        And by how many sizes it moved off what had been in it, if that is known: else any step is a
+        leap that is unlike those before.
+        """
         away = max(math.hypot(*(step - self.step)) / size, self.far)
-        self.past, self.far = self.past.then(min(away, 1.0), rival), 0.0
+        leapt = away if slip is None else max(slip, self.far)
+        self.past, self.far = self.past.then(min(away, 1.0), min(leapt, 1.0), rival), 0.0
         self.step = (self.step + step) / 2
 
     def likely(self, box: Boxes, window: Window, n: int) -> cf.Features | None:

@@ -7,11 +7,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from entrack import box as boxes_
 from entrack import filter as cf
 from entrack.aspect import Aspect
 from entrack.box import Boxes
 from entrack.colour import Colours, Seen
-from entrack.likeness import Likeness
+from entrack.likeness import Likeness, Parts
 from entrack.recovery import Origin, Past, Search
 from entrack.state import State
 from entrack.trunk import Maps
@@ -97,6 +98,9 @@ class Target:
     """None where the size is searched."""
     aspect: Aspect | None = None
     """None where the box is told as it is."""
+    parts: Parts | None = None
+    """What the finer map had in the last box; None where the score does not care, or where another
+    place is worked at now."""
     known: object = None
     """What the policy's f1 remembers of the first frame."""
     looks: list[Look] = field(default_factory=list[Look])
@@ -142,6 +146,19 @@ class Target:
             evidence["colour"] = self.colours.change(seen)
             evidence["swap"] = past.swap(self.colours.strange(seen))
         return evidence
+
+    def slipped(self, before: Boxes) -> float | None:
+        """By how many sizes the box has left what was in it; None if that is not known."""
+        assert self.look is not None
+        parts, look = self.parts, self.look
+        self.parts = Parts.of(look.fine, self.box, look.window)
+        return (
+            parts.slip(look.fine, before, look.window, boxes_.centre(self.box)) if parts else None
+        )
+
+    def restart(self, place: Boxes | None) -> None:
+        """Work elsewhere from now on; see `Search.restart`."""
+        self.box, self.parts = self.search.restart(place), None
 
     def resize(self, ratio: NDArray[np.float64]) -> None:
         """Follow a change of the frame's size: `ratio` (4,)."""

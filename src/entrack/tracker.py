@@ -21,7 +21,7 @@ from entrack.colour import Colours
 from entrack.config import Config
 from entrack.errors import EntrackError
 from entrack.judge import Judge
-from entrack.likeness import Likeness
+from entrack.likeness import Likeness, Parts
 from entrack.policy import Policy
 from entrack.recovery import Origin, Search
 from entrack.state import State, held, shifted
@@ -62,6 +62,9 @@ class Tracker:
         self._sizes = np.log(np.array(self._zooms, np.float32))
         self._parabola = cf.parabola(self._sizes)
         self._rng = np.random.default_rng(config.policy.seed if config.policy else 0)
+
+        weights = config.score, config.spread
+        self._leaps = config.likeness is not None and any(w.leaps for w in weights if w)
 
     def init(self, image: Any, box: ArrayLike) -> None:
         """Start on `box` `(x, y, w, h)` in the first frame; whatever was tracked is forgotten.
@@ -116,6 +119,8 @@ class Tracker:
             target.likeness = Likeness.of(maps, box, window, self.config.likeness)
         if self.config.aspect:
             target.aspect = Aspect.of(maps, box, window, self.config.aspect)
+        if self._leaps:
+            target.parts = Parts.of(maps.fine, box, window)
         return target
 
     def add(self, box: ArrayLike, image: Any = None) -> int:
@@ -347,8 +352,9 @@ class Tracker:
         search = target.search
         step, side = centre - boxes_.centre(searched), math.sqrt(searched[2] * searched[3])
         seen = answer.evidence
-        search.follow(step, side, seen.get("rival", 1.0))
         assert self._frame is not None and target.look is not None
+        slip = target.slipped(searched) if self._leaps else None
+        search.follow(step, side, seen.get("rival", 1.0), slip)
         learn, window = self.config.update, self.config.window
         colours = target.colours_in(target.look, target.box)
         evidence = seen | target.recalled(search.past, colours)

@@ -98,6 +98,7 @@ def _write_step(step: Step, z: Shape, fine: Shape, path: Path) -> None:
         "turn": (), "patches": (1 + k, 3, side, side), "colours": (4, colour.bins**3 if colour else 1),
         "tint": (5,), "aspect": (), "fine": (1 + k, *fine), "first_fine": fine,
         "inside": (z[0], GRID, GRID), "inside_fine": (fine[0], FINER, FINER),
+        "last_fine": fine, "last_roi": (4,),
     }  # fmt: skip
     outputs = ["box_out", "told"] + (["sigma"] if step.policy else [])
     outputs += [f"{m}_out" for m in step.remembered]
@@ -129,6 +130,8 @@ _MEMORY = {
     "inside": "| `inside` | `inside_out` | float32 ({c}, 8, 8): a running mean of what the features in the box "
     "have beyond the mean of the first frame's window |\n",
     "inside_fine": "| `inside_fine` | `inside_fine_out` | float32 ({f}, 12, 12): the same of `fine` |\n",
+    "last_fine": "| `last_fine` | `last_fine_out` | `fine` of the last frame's window … |\n",
+    "last_roi": "| `last_roi` | `last_roi_out` | float32 (4,): … and the box in it, in shares of its side |\n",
     "aspect": "| `aspect` | `aspect_out` | float32 (): by what logarithm the target seems to be wider than its first "
     "box, a running mean; `told` is stretched by it |\n",
 }

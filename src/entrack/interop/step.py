@@ -54,6 +54,8 @@ class Step(Matching):
         self.remembered += ["first_fine"] if config.likeness or config.aspect else []
         self.remembered += ["inside", "inside_fine"] if config.likeness else []
         self.remembered += ["aspect"] if config.aspect else []
+        self.leaps = config.likeness is not None and config.score.leaps
+        self.remembered += ["last_fine", "last_roi"] if self.leaps else []
         self.colouring = Colouring(config.colour, n) if config.colour else None
         weights = {} if policy is None else _weights(policy, n)
         self.w = {name: torch.from_numpy(np.array(w, np.float32)) for name, w in weights.items()}
@@ -62,7 +64,7 @@ class Step(Matching):
         self, features: Tensor, box: Tensor, image: Tensor, first_size: Tensor, template: Tensor,
         score: Tensor, first: Tensor, roi: Tensor, past: Tensor, turn: Tensor, patches: Tensor,
         colours: Tensor, tint: Tensor, aspect: Tensor, fine: Tensor, first_fine: Tensor,
-        inside: Tensor, inside_fine: Tensor,
+        inside: Tensor, inside_fine: Tensor, last_fine: Tensor, last_roi: Tensor,
     ) -> tuple[Tensor, ...]:  # fmt: skip
         """See the card that `export_model` writes."""
         config, new = self.config, (first_size[0] == 0).float()
@@ -100,11 +102,19 @@ class Step(Matching):
         size = torch.maximum(size, limits.smallest * first_size)
         centre, size = (torch.round(v * PLACES) / PLACES for v in (centre, size))
         box = torch.cat([centre - size / 2, size])
-        past = self.followed(past, (centre - before).float(), last.float(), seen)
+        slip = None
+        if self.leaps:
+            last_fine, last_roi = last_fine + new * fine[0], last_roi + new * roi
+            place = torch.cat([0.5 - share / 2, share])
+            step = ((centre - before) / window).float() / share
+            slip = self.slip(fine[1:][0], last_fine, last_roi, place, step)
+        past = self.followed(past, (centre - before).float(), last.float(), seen, slip)
         leap = (LEAST + past[2].clamp_max(MOST)).log()
         seen |= {"leap": leap, "unrest": past[3].clamp_max(UNREST)}
         wide = window * self.zooms[used].double()
         place = torch.cat([(box[:2] - before) / wide + 0.5, size / wide]).float()
+        if self.leaps:
+            last_fine, last_roi = fine[1:][0], place
         coloured = None
         if self.colouring:
             coloured = self.colouring.see(patches[1:][used][0], place, colours)
@@ -125,7 +135,7 @@ class Step(Matching):
             found = self.looks_wider(features[1:][used][0], first, roi, place)
             found = config.aspect.action * wider + config.aspect.alike * found
             if config.aspect.parts:
-                apart = self.wider(fine[1:][used][0], first_fine, roi, place)
+                *_, apart = self.found(fine[1:][used][0], first_fine, roi, place)
                 found = found + config.aspect.parts * apart
             aspect = aspect + config.aspect.rate * learns * (found - aspect)
         if not again:
@@ -140,7 +150,7 @@ class Step(Matching):
             "first": first, "roi": roi, "past": past,
             "turn": torch.where(turn > 0, turn - 1, config.scale.every - 1.0), "colours": colours,
             "tint": tint, "aspect": aspect, "first_fine": first_fine, "inside": inside,
-            "inside_fine": inside_fine,
+            "inside_fine": inside_fine, "last_fine": last_fine, "last_roi": last_roi,
         }  # fmt: skip
         told = self.stretched(box, aspect) if config.aspect else box
         return box.float(), told.float(), *sigma, *(memory[name] for name in self.remembered)
@@ -218,10 +228,13 @@ class Step(Matching):
         parts = [w * evidence[name] for name, w in weights.items() if w]
         return torch.stack([torch.tensor(config.bias), *parts]).sum()
 
-    def followed(self, past: Tensor, step: Tensor, size: Tensor, seen: dict[str, Tensor]) -> Tensor:
+    def followed(
+        self, past: Tensor, step: Tensor, size: Tensor, seen: dict[str, Tensor], slip: Tensor | None
+    ) -> Tensor:
         """`recovery.Search.follow`."""
         away = ((step - past[:2]).norm() / size).clamp_max(1.0)
-        leap = torch.maximum((1 - FORGET) * past[2], away * seen.get("rival", torch.ones(())))
+        leapt = (away if slip is None else slip.clamp_max(1.0)) * seen.get("rival", torch.ones(()))
+        leap = torch.maximum((1 - FORGET) * past[2], leapt)
         unrest = (1 - RESTLESS) * past[3] + RESTLESS * away
         return torch.cat([(past[:2] + step) / 2, torch.stack([leap, unrest])])
 

@@ -17,6 +17,7 @@ from entrack.likeness import (
     FINER,
     FURTHEST,
     HEAT,
+    SCATTERED,
     SHARP,
     WIDER,
     WITHIN,
@@ -102,31 +103,44 @@ class Matching(Filtering):
 
         return alike(aspects.STEP / 2) - alike(-aspects.STEP / 2)
 
-    def wider(self, fine: Tensor, first: Tensor, roi: Tensor, place: Tensor) -> Tensor:
-        """`likeness.Parts.wider`."""
+    def found(
+        self, fine: Tensor, before: Tensor, roi: Tensor, place: Tensor
+    ) -> tuple[Tensor, Tensor, Tensor]:
+        """`likeness.Parts.found`: parts of what a map `before` had in `roi`."""
         n, points = fine.shape[-1], torch.from_numpy(ALONG)
-        known = F.normalize(self.beyond(first, first, roi).flatten(1), dim=0)
-        cells = F.normalize((fine - first.mean((1, 2), keepdim=True)).flatten(1), dim=0)
+        known = F.normalize(self.beyond(before, before, roi).flatten(1), dim=0)
+        cells = F.normalize((fine - before.mean((1, 2), keepdim=True)).flatten(1), dim=0)
         where = (torch.arange(n) + 0.5) / n
         x, y = [(where - place[k]) / place[k + 2] - 0.5 for k in (0, 1)]
-        across, down = points.repeat(GRID), points.repeat_interleave(GRID)
-        near = (y - down[:, None]).abs()[:, :, None] < WITHIN
-        near = near & ((x - across[:, None]).abs()[:, None] < WITHIN)
+        places = torch.stack([points.repeat(GRID), points.repeat_interleave(GRID)])
+        near = (y - places[1][:, None]).abs()[:, :, None] < WITHIN
+        near = near & ((x - places[0][:, None]).abs()[:, None] < WITHIN)
         alike = (known.T @ cells).reshape(-1, n, n).masked_fill(~near, -9.0)
         best = alike.amax((1, 2))
         share = torch.softmax(alike.flatten(1) / HEAT, 1).reshape(-1, n, n)
         right, lower = share.sum(1), share.sum(2)
-        found = right @ x, lower @ y
-        spread = right @ x**2 + lower @ y**2 - found[0] ** 2 - found[1] ** 2
+        found = torch.stack([right @ x, lower @ y])
+        spread = right @ x**2 + lower @ y**2 - (found**2).sum(0)
         counts = best.clamp_min(0) ** 4 / (SHARP + spread)
         counts = counts / counts.sum().clamp_min(1e-9)
+        moves = found - places
+        move = moves @ counts
+        scatter = (moves - move[:, None]).norm(dim=0) @ counts
 
         def slope(a: Tensor, b: Tensor) -> Tensor:
             off = a - counts @ a
             grown = (counts * off) @ (b - counts @ b) / ((counts * off) @ off).clamp_min(1e-9)
             return grown.clamp_min(CLOSEST).log()
 
-        return slope(across, found[0]) - slope(down, found[1])
+        return move, scatter, slope(places[0], found[0]) - slope(places[1], found[1])
+
+    def slip(
+        self, fine: Tensor, before: Tensor, roi: Tensor, place: Tensor, step: Tensor
+    ) -> Tensor:
+        """`likeness.Parts.slip`, of a box that was `place` and moved by `step` of its sides."""
+        move, scatter, _ = self.found(fine, before, roi, place)
+        sides = place[2:] / place[2:].prod().sqrt()
+        return ((step - move) * sides).norm() * (scatter <= SCATTERED).float()
 
     def stretched(self, box: Tensor, mean: Tensor) -> Tensor:
         """`aspect.Aspect.stretch`."""
