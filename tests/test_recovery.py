@@ -396,6 +396,25 @@ def test_a_leap_is_off_what_was_in_the_box_where_that_is_known():
     assert search.past.leap == pytest.approx(0.04)
 
 
+def test_a_picture_that_is_pushed_is_no_leap_and_a_box_that_is_laid_beside_its_target_is():
+    rng = np.random.default_rng(0)
+    wide = rng.integers(0, 255, (30, 50, 3), np.uint8).repeat(8, 0).repeat(8, 1)
+    pushed, t = [wide[:, k : k + 320].copy() for k in (0, 0, 8, 2)], load("default", threads=1)
+    t.init(pushed[0], (140, 100, 40, 40))
+    for frame in pushed[1:]:
+        t.update(frame)
+    [target] = t._targets
+    still, steps = target.search.past.leap, target.search.past.unrest
+    assert still < 0.03 and steps > 0.02
+    t.observe(pushed[-1])
+    t.move([0.3, 0, 0.3, 0])
+    assert target.search.past.leap > 4 * still
+    target.restart(None)
+    assert target.parts is None
+    t.update(pushed[-1])
+    assert target.parts is not None
+
+
 def test_a_target_that_leaps_in_every_frame_is_restless():
     restless, leaps_once = (Search(np.array(START, float), None) for _ in range(2))
     for k in range(40):
