@@ -22,7 +22,7 @@ from entrack.evaluation.ope import valid
 NAMED = ("psr", "unseen", "rival", "leap", "swap", "off")
 """The signals that count; others say less of footage that was left out of the fit."""
 SIDES = {
-    "default": ("peak", "first", "swap", "sigma"),
+    "default": ("peak", "first", "colour", "leap", "sigma"),
     "longterm": ("peak", "first", "colour", "leap", "sigma", "lost", "gone"),
 }
 """What σ is made of."""

@@ -168,7 +168,7 @@ def test_parts_that_are_nowhere_tell_nothing():
     everywhere = np.broadcast_to(parts.around[:, None, None], fine.shape).astype(np.float32)
     for seen, box in ((fine, away), (everywhere, BOX)):
         assert parts.found(seen, box, window).wider == 0
-        assert parts.slip(seen, box, window, centre) == 0
+        assert parts.slip(seen, box, window, centre + 9) == 0
     noise = RNG.normal(size=fine.shape).astype(np.float32)
     assert parts.slip(noise, BOX, window, centre + 9) == 0
     with np.errstate(invalid="ignore"):

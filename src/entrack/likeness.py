@@ -171,7 +171,10 @@ class Parts:
         found = np.stack([right @ x, lower @ y])
         spread = right @ x**2 + lower @ y**2 - (found**2).sum(axis=0)
         counts = np.maximum(best.ravel(), 0) ** 4 / (SHARP + spread)
-        counts /= max(float(counts.sum()), 1e-9)
+        total = float(counts.sum())
+        if not total > 0:  # nothing is alike, or a network overflowed
+            return NOWHERE
+        counts /= total
         places = np.stack([across, down])
         moves = found - places
         move = moves @ counts
@@ -186,7 +189,7 @@ class Parts:
         0 where that cannot be told, for its parts are all over the place.
         """
         found = self.found(features, box, window)
-        if not found.scatter <= SCATTERED:
+        if found.scatter > SCATTERED:
             return 0.0
         off = centre - boxes_.centre(box) - found.move * box[2:]
         return math.hypot(*off) / math.sqrt(box[2] * box[3])

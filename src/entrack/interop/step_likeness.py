@@ -122,10 +122,12 @@ class Matching(Filtering):
         found = torch.stack([right @ x, lower @ y])
         spread = right @ x**2 + lower @ y**2 - (found**2).sum(0)
         counts = best.clamp_min(0) ** 4 / (SHARP + spread)
-        counts = counts / counts.sum().clamp_min(1e-9)
+        total = counts.sum()
+        counts = counts / total.clamp_min(1e-9)
         moves = found - places
         move = moves @ counts
         scatter = (moves - move[:, None]).norm(dim=0) @ counts
+        scatter = torch.where(total > 0, scatter, math.inf)
 
         def slope(a: Tensor, b: Tensor) -> Tensor:
             off = a - counts @ a
@@ -140,7 +142,7 @@ class Matching(Filtering):
         """`likeness.Parts.slip`, of a box that was `place` and moved by `step` of its sides."""
         move, scatter, _ = self.found(fine, before, roi, place)
         sides = place[2:] / place[2:].prod().sqrt()
-        return ((step - move) * sides).norm() * (scatter <= SCATTERED).float()
+        return torch.where(scatter <= SCATTERED, ((step - move) * sides).norm(), 0.0)
 
     def stretched(self, box: Tensor, mean: Tensor) -> Tensor:
         """`aspect.Aspect.stretch`."""
