@@ -150,11 +150,9 @@ class Target:
     def slipped(self, before: Boxes) -> float | None:
         """By how many sizes the box has left what was in it; None if that is not known."""
         assert self.look is not None
-        parts, look = self.parts, self.look
+        parts, look, centre = self.parts, self.look, boxes_.centre(self.box)
         self.parts = Parts.of(look.fine, self.box, look.window)
-        return (
-            parts.slip(look.fine, before, look.window, boxes_.centre(self.box)) if parts else None
-        )
+        return parts.slip(look.fine, before, look.window, centre) if parts else None
 
     def restart(self, place: Boxes | None) -> None:
         """Work elsewhere from now on; see `Search.restart`."""
