@@ -172,7 +172,7 @@ def test_parts_that_are_nowhere_tell_nothing():
     noise = RNG.normal(size=fine.shape).astype(np.float32)
     assert parts.slip(noise, BOX, window, centre + 9) == 0
     with np.errstate(invalid="ignore"):
-        assert parts.slip(fine * np.float32(np.inf), BOX, window, centre) == 0
+        assert parts.slip(fine * np.float32(np.inf), BOX, window, centre + 9) == 0
 
 
 def test_a_trunk_that_tells_no_finer_map_has_z_for_it():

@@ -75,7 +75,8 @@ class Step(Matching):
         side = size.prod().sqrt().expand(2) if config.window.shape == "square" else size
         window = side * config.window.context
         share = (size / window).float()
-        roi = roi + new * torch.cat([0.5 - share / 2, share])
+        place = torch.cat([0.5 - share / 2, share])  # of the last box in the window around it
+        roi = roi + new * place
         first = first + new * features[0]
         if config.scale.every == 1:
             turn = torch.zeros(())
@@ -105,7 +106,6 @@ class Step(Matching):
         slip = None
         if self.leaps:
             last_fine, last_roi = last_fine + new * fine[0], last_roi + new * roi
-            place = torch.cat([0.5 - share / 2, share])
             step = ((centre - before) / window).float() / share
             slip = self.slip(fine[1:][0], last_fine, last_roi, place, step)
         past = self.followed(past, (centre - before).float(), last.float(), seen, slip)
