@@ -68,6 +68,11 @@ def train(
     try:
         with writing(out), stages() as report:
             training = Training(settings, base, source, out, workers, resume, report, cluster)
+            training.gather()
+        told = dict(training.failed)
+        if told:  # now, not hours later
+            typer.echo(f"left out: {shortened(told)}", err=True)
+        with writing(out), stages() as training.report:
             folder = training()
     except KeyboardInterrupt:
         typer.echo(
@@ -75,6 +80,6 @@ def train(
             err=True,
         )
         raise
-    if training.failed:
-        typer.echo(f"left out: {shortened(training.failed)}", err=True)
+    if later := {name: why for name, why in training.failed.items() if name not in told}:
+        typer.echo(f"left out: {shortened(later)}", err=True)
     typer.echo(folder)

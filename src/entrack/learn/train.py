@@ -92,6 +92,7 @@ class Training:
         self.actor: Actor
         self.failed: dict[str, str] = {}
         """Episodes and clips that could not be used, and why."""
+        self._gathered = False
         self._in_vain = 0
         self._pause: float | None = None
         self._held: deque[tuple[Path, int]] = deque()
@@ -99,10 +100,7 @@ class Training:
     def __call__(self) -> Path:
         """Train from where the run is to the end; return the model folder."""
         (self.run / "stop").unlink(missing_ok=True)
-        self.names, self.made, self.checks = gather(
-            self.source, self.config.data, self.run / "clips", self.failed,
-            lambda step, steps: self.report("clips", step, steps, {}),
-        )  # fmt: skip
+        self.gather()
         assert self.config.tracker.policy is not None
         torch.manual_seed(self.config.first_seed)
         if self.config.tracker.policy.f1 == "conditioned":
@@ -115,6 +113,16 @@ class Training:
         self.learner = learner(self.actor, self.config.sac)
         self._learn()
         return self._ship()
+
+    def gather(self) -> None:
+        """Write the clips to disk, unless that is done; `failed` says what cannot be used."""
+        if self._gathered:
+            return
+        self.names, self.made, self.checks = gather(
+            self.source, self.config.data, self.run / "clips", self.failed,
+            lambda step, steps: self.report("clips", step, steps, {}),
+        )  # fmt: skip
+        self._gathered = True
 
     # -- warm start ----------------------------------------------------------------------------
 
