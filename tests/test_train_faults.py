@@ -67,7 +67,7 @@ def test_a_full_disk_is_one_sentence_and_the_run_goes_on_from_there(
 
 
 def test_damaged_clips_are_learned_from_as_far_as_they_go(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ):
     """A frame that is no picture, boxes that are NaN, a target that is absent for a while."""
     data = tmp_path / "data"
@@ -89,6 +89,14 @@ def test_damaged_clips_are_learned_from_as_far_as_they_go(
     head, *rows = (tmp_path / "run" / "sac.csv").read_text().splitlines()
     assert len(rows) == 2
     assert np.isfinite([[float(v) for v in row.split(",")] for row in rows]).all(), head
+
+    def stop(training: training_module.Training) -> Path:
+        raise EntrackError("nothing is learned")
+
+    monkeypatch.setattr(training_module.Training, "__call__", stop)
+    assert main([*words, "--out", str(tmp_path / "another")]) == 1
+    told, _ = capsys.readouterr().err.split("nothing is learned")
+    assert "left out: a (1 of its frames could not be used)" in told  # before, not hours later
 
 
 def test_a_run_in_which_every_episode_fails_stops(

@@ -80,6 +80,6 @@ def train(
             err=True,
         )
         raise
-    if later := {name: why for name, why in training.failed.items() if name not in told}:
+    if later := {name: why for name, why in training.failed.items() if told.get(name) != why}:
         typer.echo(f"left out: {shortened(later)}", err=True)
     typer.echo(folder)
