@@ -147,6 +147,20 @@ class Target:
             evidence["swap"] = past.swap(self.colours.strange(seen))
         return evidence
 
+    def learn(self, seen: Seen | None, wider: float, score: float) -> None:
+        """Remember how the new box looks: its colours, its features, its aspect.
+
+        `wider` is that of the `Answer`.
+        """
+        assert self.look is not None
+        maps, window = self.look.maps, self.look.window
+        if self.colours and seen:
+            self.colours = self.colours.learn(seen, score)
+        if self.likeness:
+            self.likeness = self.likeness.learn(maps, self.box, window)
+        if self.aspect:
+            self.aspect = self.aspect.then(maps, self.box, window, wider)
+
     def slipped(self, before: Boxes) -> float | None:
         """By how many sizes the box has left what was in it; None if that is not known."""
         assert self.look is not None

@@ -24,6 +24,7 @@ from entrack.judge import Judge
 from entrack.likeness import Likeness, Parts
 from entrack.policy import Policy
 from entrack.recovery import Origin, Search
+from entrack.scale import ScaleSearch
 from entrack.state import State, held, shifted
 from entrack.target import Answer, Estimate, Look, Target
 from entrack.trunk import Maps, Trunk, each
@@ -57,12 +58,8 @@ class Tracker:
         sigma = config.filter.label_sigma * cells / config.window.context
         self._label = cf.spectrum(cf.label(cells, sigma))
         self._taper = cf.hann(cells) if config.filter.hann else np.ones((cells, cells), np.float32)
-        half = config.scale.steps // 2
-        self._zooms: list[float] = (config.scale.factor ** np.arange(-half, half + 1.0)).tolist()
-        self._sizes = np.log(np.array(self._zooms, np.float32))
-        self._parabola = cf.parabola(self._sizes)
+        self._scale = ScaleSearch(config.scale)
         self._rng = np.random.default_rng(config.policy.seed if config.policy else 0)
-
         weights = config.score, config.spread
         self._leaps = config.likeness is not None and any(w.leaps for w in weights if w)
 
@@ -242,7 +239,7 @@ class Tracker:
 
     def _windows_of(self, target: Target) -> list[tuple[float, windows.Window]]:
         """What is looked at around the last box, at every zoom that has its turn."""
-        zooms = [1.0] if target.turn else self._zooms
+        zooms = [1.0] if target.turn else self._scale.zooms
         return [(zoom, windows.around(target.box, self.config.window, zoom)) for zoom in zooms]
 
     @property
@@ -267,7 +264,7 @@ class Tracker:
 
     def _follow_peak(self, target: Target) -> Answer:
         """Move and resize the box to where the response is highest: the filter alone."""
-        target.look = target.coloured(self._best(target))
+        target.look = target.coloured(self._scale.best(target.looks))
         window, response = target.look.window, target.look.response
         peak = cf.peak(response, target.search.likely(target.box, window, response.shape[-1]))
         cell = window.box[2:] / response.shape[-1]
@@ -304,29 +301,13 @@ class Tracker:
         growth = (1 - config.search) * growth + config.search * np.log(grown)
         return boxes_.from_centre(centre, target.box[2:] * np.exp(growth)), wider
 
-    def _best(self, target: Target) -> Look:
-        """The size that answers most of those that were looked at, after the penalties."""
-        half = len(target.looks) // 2
-        penalties = self.config.scale.penalty ** np.abs(np.arange(-half, half + 1))
-        return target.looks[int((_heights(target) * penalties).argmax())]
-
     def _fitted(self, target: Target, centre: Boxes) -> tuple[Boxes, float]:
         """The centre set right, and by what factor the size changes."""
         if not (target.likeness and target.look):
-            return centre, self._grown(target)
+            return centre, self._scale.grown(target.looks)
         box = boxes_.from_centre(centre, target.box[2:])
         window = windows.around(target.box, self.config.window)
         return target.likeness.fit(target.look.maps, box, window)
-
-    def _grown(self, target: Target) -> float:
-        """By what factor the size changes, as far as the scale search says."""
-        rate = self.config.scale.rate
-        if not self.config.scale.between:
-            return 1 + rate * (self._best(target).zoom - 1)
-        if len(target.looks) == 1:
-            return 1.0
-        top = cf.highest(_heights(target), self._sizes, self._parabola)
-        return math.exp(rate * top)
 
     def move(self, actions: ArrayLike) -> list[Boxes]:
         """Add one action (4,) a target to the boxes (eq. 7) and learn the new appearance."""
@@ -363,13 +344,8 @@ class Tracker:
         known = config.known(evidence) if sound else 0.0
         search.decide(score, target.box, config, known)
         learns = score >= learn.min_score and not search.active
-        if learns and target.colours and colours:
-            target.colours = target.colours.learn(colours, score)
-        if learns and target.likeness:
-            target.likeness = target.likeness.learn(look.maps, target.box, look.window)
-        if learns and target.aspect:
-            wider = answer.wider
-            target.aspect = target.aspect.then(look.maps, target.box, look.window, wider)
+        if learns:
+            target.learn(colours, answer.wider, score)
         due = learns and learn.rate > 0 and target.waited + 1 >= learn.every
         target.waited, target.unlearned = 0 if due else target.waited + 1, None
         target.turn = (target.turn - 1) % self.config.scale.every
@@ -419,8 +395,3 @@ class Tracker:
             for target in self._targets:
                 target.resize(ratio)
             self._size = size
-
-
-def _heights(target: Target) -> NDArray[np.float32]:
-    """How much each of the sizes that were looked at answers (k,)."""
-    return np.array([look.response.max() for look in target.looks])
